@@ -25,6 +25,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TURN_SIGMA,
 )
+from plc_inspect.core.catenary.growing import BESIDE_SHARE
 from plc_inspect.core.numerics.assignment import pair_up
 from plc_inspect.results import Bool, Float64, Int64
 
@@ -285,6 +286,9 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)
         beyond = (x - (first[HIGH] if side > 0 else first[LOW])) * side
         other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
+        shorter = min(first[HIGH] - first[LOW], second[HIGH] - second[LOW])
+        if max(-beyond, 0.0) + max(-other_beyond, 0.0) > BESIDE_SHARE * shorter:
+            continue  # they hang side by side
         stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
         met[k] = rise >= MIN_RISE or _is_bent(first, second, x, other_x, rise)
         values[k, 0], values[k, 1], values[k, 2], values[k, 3] = x, other_x, miss, rise

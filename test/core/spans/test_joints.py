@@ -97,6 +97,18 @@ def test_curves_beside_or_above_each_other_do_not_meet():
         assert find_joints(curves, 40.0) == ()
 
 
+@pytest.mark.parametrize('length', [6.0, 10.0, 15.0])
+def test_wires_of_a_short_fan_do_not_meet_half_way(length):
+    sides = (-0.3, -0.1, 0.1, 0.3)
+    wires = [
+        make_wire((0.0, side / 4, 7.0), (length, side, 7.0), seed=seed)
+        for seed, side in enumerate(sides)
+    ]
+    points, start = np.vstack(wires), np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(points, np.arange(*ends)) for ends in pairwise(start.tolist())]
+    assert find_joints(curves, 40.0) == ()
+
+
 def test_parts_of_one_span_do_not_meet():
     wire = make_wire((0.0, 0.0, 15.0), (100.0, 0.0, 15.0))
     first = np.flatnonzero(wire[:, 0] < 50.0)
