@@ -11,11 +11,11 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
-from plc_inspect.core.evidence.beside import search_beside
 from plc_inspect.core.evidence.conductors import ConductorResult, model_conductors
 from plc_inspect.core.evidence.endings import cut_ends
 from plc_inspect.core.evidence.free_length import find_sight, Sight
 from plc_inspect.core.evidence.judge import SIDE
+from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, HeightResult
@@ -190,7 +190,7 @@ def _find_once(
         None,
         lambda: model_conductors(
             cloud.points, cloud.index, clustering, sight, settings.catenary, rng,
-            lambda curves, others: search_beside(cloud, curves, others, settings),
+            Searches(cloud=cloud, inliers=inliers, settings=settings),
         ),
         lambda result: report_catenary(result, clustering),
     )

@@ -79,7 +79,9 @@ def search_beside(
 
     """
     index, rows = cloud.index_high(), pack_curves([*curves, *others])
-    owner, is_own = _find_nearest(cloud.points, *index.grid, rows, len(curves))
+    owner, is_own = find_nearest(
+        cloud.points, *index.grid, rows, len(curves), REACH, BEYOND
+    )
     chosen = np.flatnonzero((owner >= 0) & ~is_own)
     low = find_lowest(cloud.points, chosen) if len(chosen) else np.zeros(3)
     corner = np.floor(low / PLACE) * PLACE
@@ -87,7 +89,9 @@ def search_beside(
     voxels = build_voxels(cloud.points, chosen, corner, PLACE)
     position = voxels.centroids()
     places = build_plan_index(position, np.arange(len(position)), index.cell_size)
-    number, _ = _find_nearest(position, *places.grid, rows[: len(curves)], len(curves))
+    number, _ = find_nearest(
+        position, *places.grid, rows[: len(curves)], len(curves), REACH, BEYOND
+    )
     near = number >= 0
     position, count = position[near], voxels.moments[near, 0].astype(np.int64)
     candidates = LinearityResult(
@@ -106,13 +110,14 @@ def search_beside(
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_nearest(  # type: ignore[no-untyped-def]
-    points, start, order, origin, cell, rows, columns, curves, num_known
+def find_nearest(  # type: ignore[no-untyped-def]
+    points, start, order, origin, cell, rows, columns, curves, num_known, about, past
 ):
     """
     Return the nearest known curve about each point, -1 where there is none, and if it lies on any.
 
-    The first curves are known.
+    The first curves are known; ``about`` is how far beside them points are, and ``past`` beyond
+    their ends, at most [m].
     """
     owner = np.full(len(points), -1, dtype=np.int32)
     is_own = np.zeros(len(points), dtype=np.bool_)
@@ -121,7 +126,7 @@ def _find_nearest(  # type: ignore[no-untyped-def]
         row = curves[k]
         # the outermost points of a curve lie at its ends exactly: no border may be there
         slack = row[TOLERANCE]
-        reach, beyond = (REACH, BEYOND) if k < num_known else (slack, slack)
+        reach, beyond = (about, past) if k < num_known else (slack, slack)
         low, high = row[LOW] - beyond, row[HIGH] + beyond
         near = gather_strip(
             start, order, origin, cell, rows, columns,

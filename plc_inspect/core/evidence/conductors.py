@@ -3,7 +3,7 @@
 
 """Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -33,15 +33,13 @@ from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.core.evidence.judge import Judge, RAIL, Verdict
+from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import BUILT, list_evidence
 from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
-
-Search = Callable[[Sequence[Curve], Sequence[Curve]], ClusteringResult]
-"""Returns tracks beside conductors, without the points of those, and of other curves."""
 
 MAX_MISS = 0.8
 """
@@ -80,14 +78,15 @@ def model_conductors(
     sight: Sight,
     settings: CatenarySettings,
     rng: np.random.Generator,
-    search: Search | None = None,
+    searches: Searches | None = None,
 ) -> ConductorResult:
     """
     Model every conductor of the tracks by a catenary, span by span.
 
     Curves take in the points along them, sub-conductors that cannot be told apart become one,
     the model bridges gaps, and what lacks the evidence of a conductor is dropped.  Of what is
-    left, a curve over several conductors gives way to one for each.
+    left, a curve over several conductors gives way to one for each, and further searches add to
+    what is known.
 
     Parameters
     ----------
@@ -103,15 +102,15 @@ def model_conductors(
         Settings of this stage.
     rng : numpy.random.Generator
         For MSAC.
-    search : callable or None
-        Returns tracks beside conductors, without the points of those, and of other curves.
+    searches : Searches or None
+        Further ones, none by default.
 
     Returns
     -------
     ConductorResult
 
     """
-    curves, judge = judge_curves(points, index, clustering, sight, settings, rng, search)
+    curves, judge = judge_curves(points, index, clustering, sight, settings, rng, searches)
     kept: list[Curve] = []
     waiting: list[int] = []
     objections: dict[str, int] = {}
@@ -144,14 +143,15 @@ def judge_curves(
     sight: Sight,
     settings: CatenarySettings,
     rng: np.random.Generator,
-    search: Search | None = None,
+    searches: Searches | None = None,
 ) -> tuple[tuple[Curve, ...], Judge]:
     """
     Return all curves of the tracks, and what is believed of them.
 
     A thick curve that is no conductor may lie over several: then its parts are tried, and those
-    that are conductors take its place.  At last come conductors beside those that are known; they
-    change nothing of what is known.  The arguments are those of `model_conductors`.
+    that are conductors take its place.  Where nothing but too little evidence speaks against a
+    curve, it is searched again in shorter windows; at last come conductors beside those that are
+    known.  Both change nothing of what is known.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     judge = Judge(points, index, sight, curves, settings)
@@ -166,9 +166,18 @@ def judge_curves(
             curves = drop_duplicates(points, rest, settings, [*believed, *won])
             judge = Judge(points, index, sight, curves, settings)
             judge.decide()
-    believed = judge.believed
-    if search is not None and believed:
-        found, _ = find_curves(points, index, search(believed, judge.rejected), settings, rng)
+    if searches is None:
+        return tuple(judge.curves), judge
+    unsure = [
+        curve for curve, verdict in zip(judge.curves, judge.verdicts, strict=True)
+        if verdict.objection and _may_continue(curve, verdict, settings)
+    ]
+    if unsure:
+        found, _ = find_curves(points, index, searches.look_again(unsure), settings, rng)
+        judge.add(judge.try_more(_keep_new(points, found, settings, judge.believed)))
+    if believed := judge.believed:
+        tracks = searches.look_beside(believed, judge.rejected)
+        found, _ = find_curves(points, index, tracks, settings, rng)
         fresh = _keep_new(points, found, settings, believed)
         judge.add(judge.try_more(fresh, beside=False))  # that has led to them already
     return tuple(judge.curves), judge

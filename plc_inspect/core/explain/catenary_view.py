@@ -11,8 +11,8 @@ import numpy as np
 from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.evidence.beside import search_beside
 from plc_inspect.core.evidence.conductors import judge_curves
+from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import HELD, list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
@@ -74,11 +74,11 @@ class Curves:
     def __init__(self, trace: Trace, settings: Settings) -> None:
         """Find the curves again, as the run did."""
         self.trace, self.settings = trace, settings
-        cloud, limits = trace.lines.cloud, settings.catenary
+        lines, limits = trace.lines, settings.catenary
         found, judge = judge_curves(
-            cloud.points, cloud.index, trace.lines.clustering, trace.lines.sight, limits,
+            lines.cloud.points, lines.cloud.index, lines.clustering, lines.sight, limits,
             make_draws(settings),
-            lambda curves, others: search_beside(cloud, curves, others, settings),
+            Searches(cloud=lines.cloud, inliers=lines.inliers, settings=settings),
         )
         borne = {_key(curve) for curve in trace.lines.borne}
         believed = {_key(curve) for curve in trace.lines.conductors.curves} - borne

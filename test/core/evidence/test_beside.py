@@ -8,7 +8,7 @@ import pytest
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import fit_curve, pack_curves
-from plc_inspect.core.evidence.beside import _find_nearest
+from plc_inspect.core.evidence.beside import BEYOND, find_nearest, REACH
 from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.pipeline import Pipeline
 
@@ -72,5 +72,5 @@ def test_the_outermost_points_of_a_curve_are_its_own_however_they_are_rounded(sh
     index = build_plan_index(points, np.arange(700), 2.0)
     moved = points.copy()
     moved[:, 0] += shift
-    _, is_own = _find_nearest(moved, *index.grid, pack_curves([curve]), 1)
+    _, is_own = find_nearest(moved, *index.grid, pack_curves([curve]), 1, REACH, BEYOND)
     assert is_own.all()

@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Further searches for conductors, where the first one leaves something to find."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
+from plc_inspect.core.evidence.beside import find_nearest, search_beside
+from plc_inspect.core.extraction.alignment import align
+from plc_inspect.core.extraction.linearity import LinearityResult
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.plan_index import build_plan_index
+
+SHORTER = 0.8
+"""
+Length of the windows of the second search, as a share of those of the first.
+Source: bench/frames.py: with 0.7 to 0.8 oakland_part2_ah 0.57 to 0.62 in place of 0, part3_am 0.55
+in place of 0.37; with 0.65 windows of these hold too few points.
+"""
+ROOM = 1.0
+"""
+Distance from a curve within which it is searched again [m].
+Source: judgement: a curve over several conductors lies within it of each.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Searches:
+    """Searches a cloud again, knowing what was found."""
+
+    cloud: OffGround
+    """Points off the ground; the high ones are searched."""
+    inliers: LinearityResult
+    """Places where points lie along a line."""
+    settings: Settings
+    """Of all stages."""
+
+    def look_again(self, curves: Sequence[Curve]) -> ClusteringResult:
+        """
+        Cluster the places about curves anew, in shorter windows.
+
+        Conductors that bend, or run together at a pole, part in shorter windows; and windows that
+        hold nothing else lie elsewhere.
+
+        Parameters
+        ----------
+        curves : sequence of Curve
+            With too little evidence.
+
+        Returns
+        -------
+        ClusteringResult
+
+        """
+        position, settings = self.inliers.position, self.settings.alignment
+        places = build_plan_index(position, np.arange(len(position)), settings.half_length)
+        owner, _ = find_nearest(
+            position, *places.grid, pack_curves(curves), len(curves), ROOM,
+            2.0 * settings.half_length,
+        )
+        near = self.inliers.select(owner >= 0)
+        shorter = replace(settings, half_length=SHORTER * settings.half_length)
+        return cluster(
+            self.cloud.points, self.cloud.index_high(), near.position, align(near, shorter),
+            self.settings.clustering,
+        )
+
+    def look_beside(
+        self, curves: Sequence[Curve], others: Sequence[Curve]
+    ) -> ClusteringResult:
+        """Cluster the points about conductors, without those of others: `search_beside`."""
+        return search_beside(self.cloud, curves, others, self.settings)

@@ -1,0 +1,60 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Conductors that a second search finds."""
+
+import numpy as np
+import pytest
+
+from plc_inspect.config import Settings
+from plc_inspect.core.catenary.curve import fit_curve
+from plc_inspect.core.evidence.searches import ROOM, Searches
+from plc_inspect.core.pipeline import Pipeline
+
+GROUND = 12_000
+
+
+def make_fan(rng, azimuth, num_wires, length, density):
+    """Return ground, and wires of a fan from 0.05 m apart at a pole to 0.35 m, turned."""
+    plan = rng.uniform((-15.0, -15.0), (length + 15.0, 15.0), (GROUND, 2))
+    parts = [np.column_stack((plan, np.zeros(GROUND)))]
+    for k in range(num_wires):
+        x = rng.uniform(0.3, length, int(density * length))
+        y = (k - (num_wires - 1) / 2) * (0.05 + 0.3 * x / length)
+        parts.append(np.column_stack((x, y, 7.0 + 0.004 * x * (x - length))))
+    points = np.concatenate(parts)
+    points += rng.normal(0.0, 0.02, points.shape)
+    ca, sa = np.cos(azimuth), np.sin(azimuth)
+    points[:, :2] = points[:, :2] @ np.array(((ca, sa), (-sa, ca)))
+    return points
+
+
+def measure_share(points):
+    result = Pipeline(Settings()).run(points)
+    return (result.line_id[GROUND:] >= 0).mean()
+
+
+def test_wires_of_a_fan_are_found_in_shorter_windows(monkeypatch):
+    clouds = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        clouds.append(make_fan(rng, rng.uniform(0.0, np.pi), 5, 20.0, 25.0))
+    with_it = np.array([measure_share(points) for points in clouds])
+    monkeypatch.setattr(
+        Searches, 'look_again', lambda self, curves: self.look_beside(curves[:0], curves)
+    )
+    without = np.array([measure_share(points) for points in clouds])
+    assert (with_it >= without).all()
+    assert with_it.mean() > 0.75 > 0.6 > without.mean()
+
+
+@pytest.mark.parametrize('distance', [0.5 * ROOM, 4.0 * ROOM])
+def test_only_places_about_the_curves_are_searched(distance):
+    rng = np.random.default_rng(5)
+    points = make_fan(rng, 0.3, 1, 60.0, 30.0)
+    lines = Pipeline(Settings()).trace(points).lines
+    searches = Searches(cloud=lines.cloud, inliers=lines.inliers, settings=Settings())
+    curve = lines.conductors.curves[0]
+    moved = lines.cloud.points + np.array([0.0, 0.0, distance])
+    tracks = searches.look_again([fit_curve(moved, curve.points, tolerance=curve.tolerance)])
+    assert (tracks.num_tracks > 0) == (distance < ROOM)
