@@ -19,7 +19,7 @@ import time
 import laspy
 import numpy as np
 import pytest
-from toys import make_line_cloud, make_tree
+from toys import make_ground, make_line_cloud, make_tree
 import yaml
 
 from plc_inspect.config import Settings
@@ -126,6 +126,25 @@ def test_settings_are_not_left_for_a_gain_that_shows_nothing(cloud, monkeypatch)
     assert sum('the settings given are kept' in line for line in told) == 1
     monkeypatch.setattr(tuning_run, 'WORTH_CHANGING', 0.0)
     assert tune(cloud[0], given, SearchPlan(budget=24)).after.value > tuned.before.value
+
+
+def test_a_large_cloud_is_searched_where_the_line_is(cloud, monkeypatch):
+    """Wherever its coordinates begin."""
+    line, label = cloud
+    field = make_ground((-900.0, -900.0), (-400.0, -400.0), per_square_metre=0.2)
+    points = np.vstack([field, line]) + np.array([500_000.0, 6_000_000.0, 40.0])
+    searched = []
+
+    def search(part, *more):
+        searched.append(part)
+        return Workers(part, *more)
+
+    monkeypatch.setattr(tuning_run, 'MOST_POINTS', len(line) // 2)
+    monkeypatch.setattr(tuning_run, 'Workers', search)
+    tune(points, Settings(), SearchPlan(budget=1))
+    wires = points[len(field):][label == 14]
+    held = (searched[0][:, None] == wires[None, ::50]).all(axis=2).any(axis=0)
+    assert held.mean() > 0.5
 
 
 def test_other_settings_that_were_given_are_kept(file, tmp_path):
