@@ -100,8 +100,13 @@ class _Around:
     def is_above(self, places: Float64) -> Bool:
         """Return which positions (N, 3) are above all objects near them."""
         # as a waypoint may lie exactly that high, rounding is left to it
-        high: Bool = places[:, 2] >= self.ground.find_top(places, NEAR) + OBSTACLES - ROUNDING
+        high: Bool = places[:, 2] >= self.find_floor(places) - ROUNDING
         return high
+
+    def find_floor(self, places: Float64) -> Float64:
+        """Return the least safe height (N,) above the objects near positions (N, 2+) [m]."""
+        # an object near a leg counts at the samples before and behind it
+        return self.ground.find_top(places, NEAR + SAMPLE) + OBSTACLES
 
     def is_apart(self, places: Float64) -> Bool:
         """Return which positions (N, 3) are far enough from conductors."""
@@ -257,9 +262,12 @@ def _lay_run(
 
 def _lift(places: Float64, around: _Around) -> Float64 | None:
     """Return a path lifted so that each leg is safe, None where none is."""
+    most = places[:, 2] + MOST_LIFT
     places = places.copy()
-    places[:, 2] = np.maximum(places[:, 2], around.ground.find_top(places, NEAR) + OBSTACLES)
+    places[:, 2] = np.maximum(places[:, 2], around.find_floor(places))
     for _ in range(1 + int(MOST_LIFT / LIFT)):
+        if (places[:, 2] > most).any():
+            return None
         at, owner = _sample(places)
         bad = ~around.is_safe(at)
         if not bad.any():
@@ -324,8 +332,7 @@ def _cross(first: Float64, last: Float64, around: _Around) -> Float64:
     near = around.wires[_lies_along(around.wires, first, last, around.least)]
     level, _ = _sample(np.array([[*first[:2], 0.0], [*last[:2], 0.0]]))
     top = max(
-        float(around.ground.find_top(level, NEAR).max()) + OBSTACLES, float(first[2]),
-        float(last[2]),
+        float(around.find_floor(level).max()), float(first[2]), float(last[2]),
         float(near[:, 2].max()) + around.least if len(near) else -np.inf,
     )
     return np.array([[*first[:2], top], [*last[:2], top]])
