@@ -204,6 +204,11 @@ def test_a_file_is_replaced_with_force_only(file, tmp_path, capfd):
 def test_truth_of_another_cloud_is_refused(file, empty, tmp_path, capfd):
     assert run(file, '-o', tmp_path / 'x.yaml', '--truth', empty) == 2
     assert 'points, the cloud' in capfd.readouterr().err
+    points = laspy.read(file)
+    points.points = points.points[np.arange(len(points))[::-1]]
+    points.write(tmp_path / 'turned.laz')
+    assert run(file, '-o', tmp_path / 'x.yaml', '--truth', tmp_path / 'turned.laz') == 2
+    assert 'or in another order: point' in capfd.readouterr().err
 
 
 def test_truth_from_spans(tmp_path):
