@@ -8,6 +8,7 @@ import json
 
 from factories import make_inspection
 import numpy as np
+import pyproj
 import pytest
 
 from plc_inspect.core.coverage.coverage import Part
@@ -95,6 +96,20 @@ def test_plan_and_layers_are_where_the_waypoints_are(run, folder):
     record = read(folder / 'coverage.json')
     assert kinds.count('section') == len(record['sections'])
     assert kinds.count('gap') == len(record['gaps'])
+
+
+@pytest.mark.parametrize(('name', 'has_plan', 'words'), [
+    ('EPSG:25833+5783', True, 'refly.geojson, refly.plan.'),
+    ('EPSG:25833', True, 'refly.plan. The latter takes the heights for altitudes above the sea'),
+    ('EPSG:25833 3D', False, 'There is no refly.plan'),
+])
+def test_plan_only_where_heights_may_be_above_the_sea(run, tmp_path, name, has_plan, words):
+    system = pyproj.CRS(name.removesuffix(' 3D'))
+    system = system.to_3d() if name.endswith('3D') else system
+    write_results(tmp_path / 'out', replace(run, crs=system.to_wkt()))
+    assert (tmp_path / 'out/refly.plan').exists() == has_plan
+    assert (tmp_path / 'out/refly.geojson').exists()
+    assert words in (tmp_path / 'out/report.html').read_text(encoding='utf-8')
 
 
 def test_without_a_place_on_earth_there_is_no_plan(run, tmp_path):
