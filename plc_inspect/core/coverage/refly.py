@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, STEP
-from plc_inspect.core.coverage.sections import find_heights, Section
+from plc_inspect.core.coverage.sections import find_heights, find_sections, Section
 from plc_inspect.core.coverage.seen_ground import SeenGround
 from plc_inspect.results import Bool, Float64, Int64, Span
 
@@ -171,7 +171,8 @@ class Refly:
 
 
 def plan_refly(
-    coverage: Coverage, ground: SeenGround, start: Float64 | None = None, safe: float = SAFE
+    coverage: Coverage, ground: SeenGround, start: Float64 | None = None, safe: float = SAFE,
+    others: Sequence[Span] = (),
 ) -> Refly:
     """
     Plan a path that shows all gaps.
@@ -187,6 +188,8 @@ def plan_refly(
         below a conductor, the way to the first run is left to the pilot.
     safe : float
         Least distance from conductors [m].
+    others : sequence of Span
+        Conductors besides those of the coverage, which are kept off as well.
 
     Returns
     -------
@@ -194,7 +197,9 @@ def plan_refly(
         Without waypoints if there are no gaps; without runs that no lift makes safe.
 
     """
-    wires = sample_wires([item.section for item in coverage.sections])
+    wires = sample_wires([
+        *(item.section for item in coverage.sections), *find_sections(others),
+    ])
     around = _Around(wires, ground, safe)
     runs, number = [], 0
     for item in coverage.sections:
