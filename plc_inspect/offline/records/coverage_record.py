@@ -57,6 +57,7 @@ def describe_coverage(sight: Sight, units: Units) -> Record:
     """
     coverage = sight.coverage
     gaps = coverage.gaps
+    shown = {number for run in sight.refly.runs for number in run.gaps}
     first = np.cumsum([0, *(len(item.gaps) for item in coverage.sections)]).tolist()
     return {
         'note': NOTE,
@@ -67,6 +68,7 @@ def describe_coverage(sight: Sight, units: Units) -> Record:
         'gaps': [_describe_gap(number, gap, units) for number, gap in enumerate(gaps)],
         'refly': {
             'length': sight.refly.length / units.horizontal,
+            'left_out': [number for number in range(len(gaps)) if number not in shown],
             'waypoints': describe_waypoints(sight.refly, units),
         },
     }

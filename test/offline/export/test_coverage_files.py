@@ -13,9 +13,15 @@ import pytest
 
 from plc_inspect.core.coverage.coverage import Part
 from plc_inspect.offline.export.results_folder import write_results
-from plc_inspect.offline.records.coverage_record import ENOUGH, NOT_ENOUGH, review_coverage
+from plc_inspect.offline.records.coverage_record import (
+    describe_coverage,
+    ENOUGH,
+    NOT_ENOUGH,
+    review_coverage,
+)
 from plc_inspect.offline.records.georeference import make_origin_crs
 from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.report.report import render_report
 
 FOOT = 0.3048
 PLACE = 51.5, 7.25
@@ -70,6 +76,25 @@ def test_report_says_that_not_seen_is_not_safe(run, folder):
     write_results(folder.parent / 'calm', calm)
     page = (folder.parent / 'calm' / 'report.html').read_text(encoding='utf-8')
     assert 'No clearance rule is broken by what was seen' in page
+
+
+@pytest.mark.parametrize(('is_part', 'text'), [
+    (True, 'but for {} of {} gaps'), (False, 'No safe flight was found'),
+])
+def test_gaps_that_no_run_covers_are_told(run, is_part, text):
+    sight = review_coverage(run)
+    runs = sight.refly.runs[:-1] if is_part else ()
+    kept = [number for number, own in enumerate(sight.refly.run) if own < len(runs)]
+    sight = replace(sight, refly=replace(
+        sight.refly, runs=runs, places=sight.refly.places[kept],
+        kinds=tuple(sight.refly.kinds[k] for k in kept),
+        run=tuple(sight.refly.run[k] for k in kept),
+    ))
+    record = describe_coverage(sight, run.units)
+    shown = {gap for row in record['refly']['waypoints'] for gap in row['gaps']}
+    assert record['refly']['left_out'] == sorted(set(range(len(record['gaps']))) - shown) != []
+    page = render_report(run, sight)
+    assert text.format(len(record['refly']['left_out']), len(record['gaps'])) in page
 
 
 def test_plan_and_layers_are_where_the_waypoints_are(run, folder):
