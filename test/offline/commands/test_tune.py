@@ -176,6 +176,7 @@ def test_same_input_same_file(file, tmp_path):
 @pytest.mark.parametrize(('arguments', 'words'), [
     ([], ['-o']), (['-o', 'none/x.yaml'], ['none']), (['-o', '.'], ['folder']),
     (['-o', 'x.yaml', '--budget', '0'], ['--budget']), (['-o', 'x.yaml', '--set', 'a=1'], ['a']),
+    (['-o', 'x.yaml', '--seed', '-1'], ['--seed']), (['--sensitivity', '--seed', '-1'], ['-1']),
     (['-o', 'x.yaml', '--truth', 'no.laz'], ['no.laz']),
     (['-o', 'x.yaml', '--method', 'luck'], ['luck']),
 ])
