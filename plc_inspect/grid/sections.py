@@ -34,6 +34,11 @@ NEAR_END = 30.0
 Supports within this distance of the end of a span belong to its section [m].
 Source: judgement.
 """
+AROUND = 300.0
+"""
+Spans of other tiles within this distance of the spans of a section count for its flight [m].
+Source: derived: the conductors beyond open ends, and what a run is longer and farther aside.
+"""
 
 
 def write_reports(
@@ -103,13 +108,18 @@ def _lay_sections(
     for table, tiles in ((spans, joined.span_tiles), (hazards, joined.hazard_tiles)):
         for k, tile in enumerate(tiles):
             table.setdefault(tile, []).append(k)
+    plan = np.array([(item.start[:2], item.end[:2]) for item in joined.spans]).reshape(-1, 2, 2)
+    boxes = shapely.STRtree(shapely.box(*plan.min(axis=1).T, *plan.max(axis=1).T))
     sections = {}
     for tile, members in spans.items():
         own = tuple(joined.spans[k] for k in members)
-        ends = np.array([end[:2] for span in own for end in (span.start, span.end)])
+        ends = plan[members].reshape(-1, 2)
+        low, high = ends.min(axis=0) - AROUND, ends.max(axis=0) + AROUND
+        around = set(boxes.query(shapely.box(*low, *high)).tolist())
         near = sorted({k for row in supports.query_ball_point(ends, NEAR_END) for k in row})
         sections[tile] = Section(
             source=f'{run.folder.name}, section {names[tile]}', spans=own,
+            others=tuple(joined.spans[k] for k in sorted(around - {*members})),
             supports=tuple(joined.supports[k] for k in near),
             hazards=tuple(joined.hazards[k] for k in hazards.get(tile, [])),
             vegetation=tuple(
@@ -127,5 +137,5 @@ def _describe(section: Section) -> list[Any]:
         section.source, section.vegetation, to_mapping(section.settings), repr(section.rules),
         section.crs, [section.units.horizontal, section.units.vertical],
         *([plain(item) for item in items]
-          for items in (section.spans, section.supports, section.hazards)),
+          for items in (section.spans, section.others, section.supports, section.hazards)),
     ]

@@ -4,6 +4,7 @@
 """A grid finds what one run over all of its points finds, wherever it is cut."""
 
 import hashlib
+from itertools import pairwise
 import json
 import re
 
@@ -14,10 +15,12 @@ import numpy as np
 from pyarrow import parquet
 import pyogrio
 import pytest
+from scipy.spatial import cKDTree
 from toys import make_ground, make_wire
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
+from plc_inspect.core.coverage.refly import SAFE
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
@@ -26,6 +29,8 @@ from plc_inspect.grid.engine import OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
+from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.records.results_reader import parse_span, read_table
 
 CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0), 'halo': 130.0},
         {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1), 'halo': 130.0},
@@ -125,6 +130,30 @@ def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     assert summary.sight['num_sections'] == len(own)
     assert summary.sight['of_conductors'] == pytest.approx(1.0, abs=0.05)
     assert len(list((tmp_path / 'out').glob('tiles/*/report.html'))) < len(jobs)
+
+
+def test_flights_over_gaps_keep_off_conductors_of_other_tiles(tmp_path):
+    """A line that crosses 52 m beyond the open end belongs to another tile."""
+    ends = ORIGIN + np.array([[427.0, 40.0, 18.0], [374.0, 190.0, 18.0]])
+    across = make_wire(*ends, c=2000.0, seed=7)
+    path = write_las(tmp_path / 'lines.las', np.vstack([make_line(), across]), 'EPSG:25832')
+    inspect(tmp_path / 'out', [path], edge=45.0, tile_edge=90.0, halo=130.0)
+    units = Units()
+    spans = [parse_span(row, units) for row in read_table(tmp_path / 'out', 'spans')['spans']]
+    assert len({span.line_id for span in spans}) == 4
+    wires = cKDTree(np.vstack([
+        span.positions(np.arange(0.0, span.length, 0.5)) for span in spans
+    ]))
+    flown = 0
+    for path in (tmp_path / 'out').glob('tiles/*/coverage.json'):
+        way = np.array([
+            row['position'] for row in json.loads(path.read_text())['refly']['waypoints']
+        ])
+        for first, last in pairwise(way):
+            steps = np.linspace(0.0, 1.0, 100)[:, None]
+            assert wires.query(first + steps * (last - first))[0].min() >= SAFE - 0.01
+            flown += 1
+    assert flown > 10
 
 
 def test_the_usual_distance_of_candidates_is_that_of_the_whole(tmp_path):

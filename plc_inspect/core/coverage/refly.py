@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, STEP
-from plc_inspect.core.coverage.sections import find_heights, Section
+from plc_inspect.core.coverage.sections import find_heights, find_sections, Section
 from plc_inspect.core.coverage.seen_ground import SeenGround
 from plc_inspect.results import Bool, Float64, Int64, Span
 
@@ -100,8 +100,13 @@ class _Around:
     def is_above(self, places: Float64) -> Bool:
         """Return which positions (N, 3) are above all objects near them."""
         # as a waypoint may lie exactly that high, rounding is left to it
-        high: Bool = places[:, 2] >= self.ground.find_top(places, NEAR) + OBSTACLES - ROUNDING
+        high: Bool = places[:, 2] >= self.find_floor(places) - ROUNDING
         return high
+
+    def find_floor(self, places: Float64) -> Float64:
+        """Return the least safe height (N,) above the objects near positions (N, 2+) [m]."""
+        # an object near a leg counts at the samples before and behind it
+        return self.ground.find_top(places, NEAR + SAMPLE) + OBSTACLES
 
     def is_apart(self, places: Float64) -> Bool:
         """Return which positions (N, 3) are far enough from conductors."""
@@ -166,7 +171,8 @@ class Refly:
 
 
 def plan_refly(
-    coverage: Coverage, ground: SeenGround, start: Float64 | None = None, safe: float = SAFE
+    coverage: Coverage, ground: SeenGround, start: Float64 | None = None, safe: float = SAFE,
+    others: Sequence[Span] = (),
 ) -> Refly:
     """
     Plan a path that shows all gaps.
@@ -182,6 +188,8 @@ def plan_refly(
         below a conductor, the way to the first run is left to the pilot.
     safe : float
         Least distance from conductors [m].
+    others : sequence of Span
+        Conductors besides those of the coverage, which are kept off as well.
 
     Returns
     -------
@@ -189,7 +197,9 @@ def plan_refly(
         Without waypoints if there are no gaps; without runs that no lift makes safe.
 
     """
-    wires = sample_wires([item.section for item in coverage.sections])
+    wires = sample_wires([
+        *(item.section for item in coverage.sections), *find_sections(others),
+    ])
     around = _Around(wires, ground, safe)
     runs, number = [], 0
     for item in coverage.sections:
@@ -257,9 +267,12 @@ def _lay_run(
 
 def _lift(places: Float64, around: _Around) -> Float64 | None:
     """Return a path lifted so that each leg is safe, None where none is."""
+    most = places[:, 2] + MOST_LIFT
     places = places.copy()
-    places[:, 2] = np.maximum(places[:, 2], around.ground.find_top(places, NEAR) + OBSTACLES)
+    places[:, 2] = np.maximum(places[:, 2], around.find_floor(places))
     for _ in range(1 + int(MOST_LIFT / LIFT)):
+        if (places[:, 2] > most).any():
+            return None
         at, owner = _sample(places)
         bad = ~around.is_safe(at)
         if not bad.any():
@@ -324,8 +337,7 @@ def _cross(first: Float64, last: Float64, around: _Around) -> Float64:
     near = around.wires[_lies_along(around.wires, first, last, around.least)]
     level, _ = _sample(np.array([[*first[:2], 0.0], [*last[:2], 0.0]]))
     top = max(
-        float(around.ground.find_top(level, NEAR).max()) + OBSTACLES, float(first[2]),
-        float(last[2]),
+        float(around.find_floor(level).max()), float(first[2]), float(last[2]),
         float(near[:, 2].max()) + around.least if len(near) else -np.inf,
     )
     return np.array([[*first[:2], top], [*last[:2], top]])

@@ -118,8 +118,10 @@ def find_reach(span: Span, spans: Sequence[Span]) -> tuple[float, float]:
         unit = (end - other)[:2] / max(span.length, CELL)
         reach = BEYOND
         for item in spans:
-            for faces, place in ((item.open_start, item.start), (item.open_end, item.end)):
-                if item is span or not faces:
+            for faces, place, inner in (
+                (item.open_start, item.start, item.end), (item.open_end, item.end, item.start),
+            ):
+                if not faces or (inner - place)[:2] @ unit <= 0.0:  # it does not go on from there
                     continue
                 apart = (place - end)[:2]
                 along = float(apart @ unit)

@@ -138,10 +138,11 @@ class MovedSpan:
         """Return the (4, K) values of an Approach, on one side."""
         _, x = frame.measure(points)
         up = frame.position(x) - points
+        along = x * (self.span.length / frame.state.length)  # an inclined span is longer aslant
         return _choose_nearer([
             np.vstack([
                 np.linalg.norm(up + strand, axis=1), np.hypot(*(up + strand)[:, :2].T),
-                up[:, 2] + strand[2], x,
+                up[:, 2] + strand[2], along,
             ]) for strand in self.strands
         ])
 

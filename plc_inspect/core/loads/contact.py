@@ -10,7 +10,7 @@ import numpy as np
 
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.loads.approach import MovedSpan
-from plc_inspect.core.loads.load_cases import change_span
+from plc_inspect.core.loads.load_cases import change_span, tells_tension
 from plc_inspect.core.loads.obstacles import gather_obstacles, survey_state
 from plc_inspect.core.loads.sag_tension import Case, Conductor, height_at
 from plc_inspect.core.loads.sections import group_sections
@@ -75,7 +75,7 @@ def find_contacts(
         hazard = item.hazard
         found = []
         for key, span in spans.items():
-            if key[1] != hazard.span_id:
+            if key[1] != hazard.span_id or not tells_tension(span):
                 continue
             strands = obstacles.strands[key]
             _, own = item.approach(MovedSpan(span, [survey_state(span)], strands))

@@ -59,6 +59,10 @@ class Reach:
 
 NOTHING = Reach(clearance=math.nan, along=math.nan, severity=None)
 """Where nothing is near, or known."""
+UNTOLD = State(
+    c=math.nan, tension=math.nan, load=math.nan, swing=math.nan, length=math.nan, rise=math.nan
+)
+"""Where the curve does not tell the tension."""
 Nearness = tuple[float, Reach]
 """Rank, the worst the least (`Approach.judge`), and clearance."""
 
@@ -121,7 +125,8 @@ def evaluate_cases(
 
     Consecutive spans in line with nearly the same constant form a section and share the tension
     of its ruling span.  Ends stay in place: insulators do not swing, supports do not bend.  Wind
-    blows from either side; the lesser clearance counts.
+    blows from either side; the lesser clearance counts.  Where the curve does not tell the
+    tension, as it is too short for its noise, the figures of all cases are NaN.
 
     Parameters
     ----------
@@ -160,10 +165,17 @@ def evaluate_cases(
         members = [result.spans[i] for i in section]
         ruling = ruling_span([span.length for span in members])
         for span in members:
-            states = [survey_state(span, conductor.weight)] + [
-                change_span(span, members, temperature, conductor, case) for case in cases
+            is_told = tells_tension(span)
+            states = [survey_state(span, conductor.weight if is_told else math.nan)] + [
+                change_span(span, members, temperature, conductor, case)
+                for case in cases if is_told
             ]
             reaches, own = _measure_span(span, states, obstacles, rules, min_points)
+            for _ in range(len(names) - len(states)):
+                states.append(UNTOLD)
+                reaches.append(dict.fromkeys(reaches[0], NOTHING))
+                # nor is it known how near another conductor does not come
+                own = {key: [*found, (-math.inf, NOTHING)] for key, found in own.items()}
             outcomes = tuple(
                 Outcome(case=name, sag=state.sag, c=state.c, tension=state.tension,
                         swing=state.swing, **reach)
@@ -180,6 +192,11 @@ def evaluate_cases(
         hazards={key: tuple(reach.clearance for _, reach in found)
                  for key, found in nearest.items()},
     )
+
+
+def tells_tension(span: Span) -> bool:
+    """Tell whether the curve of a span tells its constant, and with it its tension, at all."""
+    return span.sigma.get('c', 0.0) < span.c
 
 
 def change_span(

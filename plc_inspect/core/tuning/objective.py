@@ -188,7 +188,7 @@ def choose_part(points: Float64, evidence: Float64, most: int) -> Bool | None:
     Parameters
     ----------
     points : (N, 3) float64
-        Map frame [m].
+        In the frame of the evidence [m].
     evidence : (E, 3) float64
         What looks like a conductor [m].
     most : int

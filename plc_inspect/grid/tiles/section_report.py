@@ -50,6 +50,8 @@ class Section:
     source: str
     spans: tuple[Span, ...]
     """Those that belong to it, numbered over the grid."""
+    others: tuple[Span, ...]
+    """Those of other tiles that the flight over its gaps could come near."""
     supports: tuple[Support, ...]
     """Supports at their ends."""
     hazards: tuple[Hazard, ...]
@@ -173,7 +175,7 @@ def write_section_report(
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     remove_report(place)
-    sight = review_coverage(inspection)
+    sight = review_coverage(inspection, section.others)
     record = describe_coverage(sight, section.units)
     write_json(place / VIEWS[0], describe_frame(inspection) | record)
     write_coverage_views(place, inspection, sight)

@@ -139,7 +139,8 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
         num = int((folder.decision != trace.result.decision).sum())
         lines.append(
             f'in the folder it is {Decision(before).name}: coordinates in points.laz are rounded,'
-            f' and {num:,} of {len(points):,} points come out otherwise'
+            ' and the path of a flight, about which dust is left out, is not in it;'
+            f' {num:,} of {len(points):,} points come out otherwise'
         )
     lines.append(render_point(explanation, settings, not arguments.quick))
     return '\n'.join(lines)

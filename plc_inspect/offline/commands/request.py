@@ -14,7 +14,7 @@ from typing import Any
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.loads.contact import find_contacts
-from plc_inspect.core.loads.load_cases import evaluate_cases
+from plc_inspect.core.loads.load_cases import evaluate_cases, SURVEYED
 from plc_inspect.core.loads.sag_tension import Case, Conductor
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.commands.command_line import Progress
@@ -72,9 +72,11 @@ def read_request(
     settings = update(settings, {name: item for name, item in changes.items() if item is not None})
     rules = load_rules(settings.hazards)
     cases = tuple(parse_case(text) for text in arguments.cases)
-    names = [case.name for case in cases]
+    names = [SURVEYED, *(case.name for case in cases)]
     if len(set(names)) < len(names):
-        raise ConfigError(f'names of cases must differ, got {", ".join(names)}')
+        raise ConfigError(
+            f'names of cases must differ, also from {SURVEYED!r}, got {", ".join(names[1:])}'
+        )
     conductor = None
     if cases:
         if arguments.conductor is None:

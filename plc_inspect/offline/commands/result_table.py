@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import math
 
 from plc_inspect.offline.records.inspection import (
+    describe_coarse_ground,
     describe_hazard,
     describe_span,
     Inspection,
@@ -38,8 +39,9 @@ def render_summary(inspection: Inspection) -> str:
         f' {_plural(len(ids), "span")}, {_plural(len(result.supports), "support")},'
         f' {_plural(len(result.hazards), "hazard")}'
     ]
-    if inspection.rules is not None and inspection.rules.gaps:
-        parts[0] += f'\nWARNING: {inspection.rules.gaps}'
+    not_covered = '' if inspection.rules is None else inspection.rules.gaps
+    for text in filter(None, (not_covered, describe_coarse_ground(inspection))):
+        parts[0] += f'\nWARNING: {text}'
     if not result.spans:
         return parts[0] + '\nno power line was found'
     clearances = measure_clearances(result, inspection.settings.hazards.min_points)

@@ -44,6 +44,8 @@ def _run(argv: Sequence[str] | None) -> int:
         raise ConfigError('-o PARAMS.yaml is needed, unless --sensitivity is asked for')
     if arguments.budget is not None and arguments.budget < 1:
         raise ConfigError(f'--budget must be 1 or more, got {arguments.budget}')
+    if arguments.seed < 0:
+        raise ConfigError(f'--seed must be 0 or more, got {arguments.seed}')
     if arguments.output is not None:
         check_file(arguments.output, arguments.force)
     source, interrupted, parts = arguments.input.absolute().name, False, []

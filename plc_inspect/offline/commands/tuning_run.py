@@ -175,7 +175,7 @@ def tune(
     told('looking', 0.0)
     before = whole.score(settings)
     searched, own = points, truth
-    part = choose_part(points, whole.evidence, MOST_POINTS)
+    part = choose_part(whole.points, whole.evidence, MOST_POINTS)
     if part is not None:
         searched = points[part]
         own = None if truth is None else (truth[0][part], truth[1][part])

@@ -11,7 +11,11 @@ import shapely
 
 from plc_inspect.offline.export.geo import Layers, write_geojson
 from plc_inspect.offline.records.coverage_record import describe_coverage, Sight
-from plc_inspect.offline.records.georeference import find_horizontal
+from plc_inspect.offline.records.georeference import (
+    find_height_datum,
+    find_horizontal,
+    HeightDatum,
+)
 from plc_inspect.offline.records.inspection import Inspection, Record
 
 SPEED = 6.0
@@ -53,10 +57,10 @@ def write_coverage_views(folder: Path, inspection: Inspection, sight: Sight) -> 
 
 
 def make_plan(inspection: Inspection, sight: Sight) -> Record | None:
-    """Return a plan for QGroundControl, None where the CRS is unknown."""
+    """Return a plan for QGroundControl, None where the CRS tells no place or no altitude."""
     system = find_horizontal(inspection)
-    if system is None:
-        return None
+    if system is None or find_height_datum(inspection) == HeightDatum.ELLIPSOID:
+        return None  # the sea is up to 100 m above or below the ellipsoid
     transformer = pyproj.Transformer.from_crs(system, 'EPSG:4326', always_xy=True)
     places = inspection.units.from_metres(sight.refly.places)
     longitude, latitude = transformer.transform(places[:, 0], places[:, 1])

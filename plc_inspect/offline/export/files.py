@@ -27,6 +27,7 @@ from plc_inspect.offline.export.results_folder import POINTS
 from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
 from plc_inspect.offline.records.inspection import (
+    describe_coarse_ground,
     describe_hazard,
     describe_span,
     describe_support,
@@ -201,6 +202,7 @@ def describe_run(inspection: Inspection, num_written: int) -> Record:
         'num_corridor_points': len(result.corridor),
         'held_back': inspection.counts.get('held_back', ''),
         'not_covered': inspection.rules.gaps if inspection.rules is not None else '',
+        'coarse_ground': describe_coarse_ground(inspection),
         'classes': {
             item.name.lower(): int(np.count_nonzero(result.classification == item))
             for item in PointClass

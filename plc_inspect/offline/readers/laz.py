@@ -15,7 +15,7 @@ import numpy as np
 
 from plc_inspect.errors import DataError
 from plc_inspect.printable import make_one_line
-from plc_inspect.results import UInt8
+from plc_inspect.results import Float64, UInt8
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
 """
@@ -96,14 +96,16 @@ def read_las(path: Path) -> laspy.LasData:
         return reader.read()
 
 
-def read_classes(path: Path) -> UInt8:
+def read_labelled(path: Path) -> tuple[UInt8, Float64]:
     """
-    Read the ASPRS classes of a labelled LAS or LAZ file.
+    Read the ASPRS classes and the coordinates of a labelled LAS or LAZ file.
 
     Returns
     -------
     (N,) uint8
         In file order.
+    (N, 3) float64
+        In the units of the file.
 
     Raises
     ------
@@ -114,7 +116,8 @@ def read_classes(path: Path) -> UInt8:
     if not path.is_file():
         raise DataError(f'{path} does not exist')
     try:
-        return np.array(read_las(path).classification, dtype=np.uint8)
+        las = read_las(path)
+        return np.array(las.classification, dtype=np.uint8), np.array(las.xyz, dtype=np.float64)
     except Exception as error:  # laspy passes errors of its decoders on
         raise DataError(f'{path} is not a readable LAS file: {error}') from error
 

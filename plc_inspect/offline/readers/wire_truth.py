@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.json_file import read_json
-from plc_inspect.offline.readers.laz import read_classes
+from plc_inspect.offline.readers.laz import read_labelled
 from plc_inspect.results import Bool, catenary_heights, Float64, PointClass
 
 WIRE_DISTANCE = 0.25
@@ -23,6 +23,8 @@ ATTACHMENT_DISTANCE = 1.5
 """Distance from the end of a conductor below which points may be wire or insulator [m]."""
 LEAST_LENGTH = 1e-9
 """Least length of a conductor in plan, as a divisor [m]."""
+SAME_PLACE = 0.1
+"""Greatest distance of a point from itself in another file, by the steps of coordinates [m]."""
 STEP = 0.05
 """Spacing of the points that stand for a true conductor [m]."""
 
@@ -48,13 +50,14 @@ def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
     Raises
     ------
     DataError
-        The truth is missing, malformed, or has another number of points.
+        The truth is missing, malformed, or has other points, or in another order.
 
     """
     if path.suffix.lower() in ('.las', '.laz'):
-        label = read_classes(path)
+        label, places = read_labelled(path)
         if len(label) != len(points):
             raise DataError(f'{path} has {len(label)} points, the cloud {len(points)}')
+        check_order(points, places)
         return label == PointClass.WIRE, label == 0
     content, cloud = read_truth_file(path)
     if cloud is not None:
@@ -64,6 +67,33 @@ def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f'{path}: the truth cannot be read: {error!r}') from error
     return label_points(points, curves)
+
+
+def check_order(points: Float64, places: Float64) -> None:
+    """
+    Raise DataError unless labelled points are those of a cloud, in its order.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Of the cloud [m]; rows that are not finite are not compared.
+    places : (N, 3) float64
+        Of the labelled cloud, in any unit.
+
+    """
+    finite = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if not len(finite):
+        return
+    own, other = points[finite], places[finite]
+    extent, width = np.ptp(own, axis=0), np.ptp(other, axis=0)
+    metres = np.divide(extent, width, out=np.ones(3), where=width > 0.0)
+    apart = np.abs((other - other[0]) * metres - (own - own[0])).max(axis=1)
+    worst = int(apart.argmax())
+    if apart[worst] > SAME_PLACE:
+        raise DataError(
+            f'the labelled cloud holds other points, or in another order: point {finite[worst]} is'
+            f' {apart[worst]:.2f} m away'
+        )
 
 
 def read_truth_file(path: Path) -> tuple[dict[str, Any], Path | None]:

@@ -3,6 +3,7 @@
 
 """Coverage of a run, and the flight that shows its gaps, as plain records."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -13,7 +14,7 @@ from plc_inspect.core.coverage.coverage import Coverage, Gap, measure_coverage, 
 from plc_inspect.core.coverage.refly import Kind, plan_refly, Refly
 from plc_inspect.core.coverage.seen_ground import see_ground
 from plc_inspect.offline.records.inspection import Inspection, Record, Units
-from plc_inspect.results import PointClass
+from plc_inspect.results import PointClass, Span
 
 ENOUGH = 'seen'
 NOT_ENOUGH = 'not seen well enough to rule out a hazard'
@@ -32,14 +33,20 @@ class Sight:
     refly: Refly
 
 
-def review_coverage(inspection: Inspection) -> Sight:
-    """Measure the coverage of a run and plan a flight over its gaps [m], in the points' frame."""
+def review_coverage(inspection: Inspection, others: Sequence[Span] = ()) -> Sight:
+    """
+    Measure the coverage of a run and plan a flight over its gaps [m], in the points' frame.
+
+    The flight keeps off ``others`` as well, conductors that are not of the run.
+    """
     result, points = inspection.result, inspection.points
     ground = see_ground(points, result.classification == PointClass.WIRE)
     way = inspection.way
     coverage = measure_coverage(result, points, ground, way)
     start = None if way is None or not len(way) else way[-1, 1:]
-    return Sight(coverage=coverage, refly=plan_refly(coverage, ground, start))
+    return Sight(coverage=coverage, refly=plan_refly(
+        coverage, ground, start, others=others,
+    ))
 
 
 def describe_coverage(sight: Sight, units: Units) -> Record:
@@ -50,6 +57,7 @@ def describe_coverage(sight: Sight, units: Units) -> Record:
     """
     coverage = sight.coverage
     gaps = coverage.gaps
+    shown = {number for run in sight.refly.runs for number in run.gaps}
     first = np.cumsum([0, *(len(item.gaps) for item in coverage.sections)]).tolist()
     return {
         'note': NOTE,
@@ -60,6 +68,7 @@ def describe_coverage(sight: Sight, units: Units) -> Record:
         'gaps': [_describe_gap(number, gap, units) for number, gap in enumerate(gaps)],
         'refly': {
             'length': sight.refly.length / units.horizontal,
+            'left_out': [number for number in range(len(gaps)) if number not in shown],
             'waypoints': describe_waypoints(sight.refly, units),
         },
     }

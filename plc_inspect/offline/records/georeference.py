@@ -3,11 +3,21 @@
 
 """The coordinate reference system of a run."""
 
+import enum
+
 import pyproj
 from pyproj.exceptions import CRSError
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.records.inspection import Inspection
+
+
+class HeightDatum(enum.Enum):
+    """What the heights of a run are above."""
+
+    SEA = 'the sea'
+    ELLIPSOID = 'the ellipsoid'
+    UNKNOWN = 'an unknown surface'
 
 
 def make_origin_crs(latitude: float, longitude: float) -> str:
@@ -67,6 +77,19 @@ def parse_horizontal(wkt: str) -> pyproj.CRS | None:
     if system.is_compound:
         system = system.sub_crs_list[0]
     return system if system.is_projected else None
+
+
+def find_height_datum(inspection: Inspection) -> HeightDatum:
+    """Return what the heights of a run are above, by its CRS, or by the origin of its flight."""
+    if not inspection.crs and inspection.georeference:
+        return HeightDatum.SEA
+    try:
+        system = pyproj.CRS.from_wkt(inspection.crs)
+    except CRSError:
+        return HeightDatum.UNKNOWN
+    if system.is_compound:
+        return HeightDatum.SEA
+    return HeightDatum.UNKNOWN if len(system.axis_info) < 3 else HeightDatum.ELLIPSOID
 
 
 def find_whole(inspection: Inspection) -> str:

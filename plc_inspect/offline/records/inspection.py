@@ -109,6 +109,19 @@ class Inspection:
     """Wall time of the steps around the pipeline."""
 
 
+def describe_coarse_ground(inspection: Inspection) -> str:
+    """Say that the ground is coarser than was set, as the cloud is too wide; '' if it is not."""
+    wanted = inspection.settings.height.cell_size
+    cell = max(
+        (stage.values.get('cell_size', 0.0) for stage in inspection.result.stages), default=0.0
+    )
+    return '' if cell <= wanted else (
+        f'the points lie so far apart that the ground has cells of {cell:.1f} m in place of'
+        f' {wanted:g} m: heights above it and hazards may be missing or wrong; survey such a'
+        ' cloud in tiles, as by plc_survey with --tile 2000'
+    )
+
+
 def describe_span(span: Span, units: Units) -> Record:
     """
     Return one span as ``spans.json`` holds it.

@@ -12,6 +12,7 @@ ASSUMPTIONS = (
     'the conductor had the given temperature when surveyed; it is not measured',
     'ends stay where they are: insulators do not swing and supports do not bend',
     'elastic change of length, without creep; bare and in calm air when surveyed',
+    'no figures of cases where the curve is too short or too straight to tell the tension',
     'wind blows across the line, from either side; clearances are distances in space',
 )
 

@@ -18,8 +18,13 @@ from plc_inspect.colors import line_color, LOOKS, SEVERITY_COLORS
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.core.tracking.wire_points import WirePoints
 from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
-from plc_inspect.offline.records.georeference import find_horizontal
-from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
+from plc_inspect.offline.records.georeference import find_height_datum, find_horizontal
+from plc_inspect.offline.records.inspection import (
+    describe_coarse_ground,
+    Inspection,
+    measure_clearances,
+    Record,
+)
 from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.report.drawing import draw_bars
 from plc_inspect.offline.report.figures import draw_map, draw_profile, draw_section
@@ -111,7 +116,9 @@ def render_report(
         supports=scene.supports,
         hazards=scene.hazards,
         coverage=coverage,
+        coarse_ground=describe_coarse_ground(inspection),
         is_located=find_horizontal(inspection) is not None,
+        height_datum=find_height_datum(inspection).name,
         stages=[_describe_stage(stage) for stage in result.stages],
         slowest=max((stage.seconds for stage in result.stages), default=0.0) or 1.0,
         decisions=_tally(result.decision, Decision),

@@ -17,6 +17,7 @@ from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
 from plc_inspect.offline.readers.wire_truth import (
+    check_order,
     count_samples,
     DOUBT_DISTANCE,
     label_points,
@@ -74,7 +75,7 @@ def evaluate(survey: Survey, truth: Truth) -> Scores:
     Raises
     ------
     DataError
-        The truth holds labels for another number of points.
+        The truth holds labels for other points, or in another order.
 
     """
     num_lines = len({item.curve.line_id for item in survey.spans})
@@ -109,6 +110,8 @@ def _score_wire(survey: Survey, truth: Truth) -> WireScores | None:
             raise DataError(
                 f'the results hold {len(found)} points, the labelled cloud {len(truth.labels)}'
             )
+        if truth.places is not None:
+            check_order(survey.points, truth.places)
         return _count_wire(found, truth.labels == PointClass.WIRE, truth.labels == 0)
     wire, doubt = _label_points(survey.points, truth)
     return _count_wire(found, wire, doubt)

@@ -4,7 +4,7 @@
 """Truth for the evaluation: from ``truth.json``, or the classes of a labelled cloud."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.laz import read_classes
+from plc_inspect.offline.readers.laz import read_labelled
 from plc_inspect.offline.readers.wire_truth import read_truth_file
 from plc_inspect.sim.evaluation.curves import Curve, parse_curve
 
@@ -67,6 +67,8 @@ class Truth:
     hazards: tuple[TrueHazard, ...]
     labels: UInt8 | None
     """(N,) ASPRS classes of the input's points, 0 for points left out; None if unknown."""
+    places: Float64 | None = None
+    """(N, 3) coordinates of these points, in any unit; None where they are not compared."""
     only_labels: bool = False
     """Whether only the classes are known."""
 
@@ -94,12 +96,16 @@ def read_truth(path: Path) -> Truth:
     path = Path(path)
     if path.suffix.lower() in ('.las', '.laz'):
         none = np.zeros((0, 3))
+        labels, places = read_labelled(path)
         return Truth(
             name=path.name, spans=(), supports=none, support_seen=np.zeros(0, dtype=bool),
-            hazards=(), labels=read_classes(path), only_labels=True,
+            hazards=(), labels=labels, places=places, only_labels=True,
         )
     content, cloud = read_truth_file(path)
-    return parse_truth(content, None if cloud is None else read_classes(cloud))
+    if cloud is None:
+        return parse_truth(content)
+    labels, places = read_labelled(cloud)
+    return replace(parse_truth(content, labels), places=places)
 
 
 def parse_truth(content: Mapping[str, Any], labels: UInt8 | None = None) -> Truth:

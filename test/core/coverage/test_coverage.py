@@ -142,6 +142,20 @@ def test_open_end_goes_on_for_a_while_or_half_way_to_the_one_that_faces_it():
         assert sight.conductors[0].share == pytest.approx(40.0 / 55.0)
 
 
+def test_open_end_beside_one_does_not_face_it():
+    """It ends there, too: a conductor 2 m aside that was seen 2 m farther does not go on."""
+    one, beside = (
+        make_span((0.0, y, 20.0), (x, y, 20.0), line, is_open=(False, True))
+        for line, (x, y) in enumerate(((98.0, 0.0), (100.0, 2.0)))
+    )
+    other = make_span((200.0, 0.0, 20.0), (300.0, 0.0, 20.0), 0, 1, is_open=(True, False))
+    spans = [one, beside, other]
+    assert find_reach(one, spans) == (0.0, pytest.approx(51.0))
+    assert find_reach(beside, spans) == (0.0, pytest.approx(50.0))
+    assert find_reach(other, spans) == (pytest.approx(50.0), 0.0)
+    assert find_reach(one, [one, beside]) == (0.0, BEYOND)
+
+
 def test_spans_of_one_number_far_apart_are_no_section():
     far = make_span((0.0, 60.0, 20.0), (LENGTH, 60.0, 20.0), 2)
     assert [len(item.spans) for item in find_sections([*make_line(), far])] == [2, 1]

@@ -120,6 +120,18 @@ def test_tree_beside_a_leg_counts_as_one_beside_a_waypoint(aside):
     assert way[over, 2].min() >= 35.0 + OBSTACLES - 1e-6
 
 
+@pytest.mark.parametrize('tree', [
+    (54.8672, 20.5114, 67.777), (37.8525, 20.0343, 68.294), (35.1618, 20.5496, 132.0454),
+])
+def test_every_place_of_a_steep_leg_is_above_the_trees_near_it(tree):
+    """Also those between the places that are compared."""
+    tree = np.array([tree, tree])
+    _, refly, _ = plan(lambda x, y: (y > 2.0) & (y < 10.0) & (x > 40.0) & (x < 70.0), tree)
+    way = walk(refly.places)
+    near = np.hypot(*(way[:, :2] - tree[0, :2]).T) <= NEAR
+    assert way[near, 2].min() >= tree[0, 2] + OBSTACLES - 1e-6
+
+
 @pytest.mark.parametrize('seed', range(12))
 def test_nothing_on_the_way_is_near_a_line_that_crosses_above(seed):
     rng = np.random.default_rng(seed)

@@ -10,8 +10,13 @@ import pytest
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.loads.approach import Approach, KEPT, MovedSpan, SEVERER
 from plc_inspect.core.loads.obstacles import survey_state
+from plc_inspect.core.loads.sag_tension import Case, change_state, Conductor
 from plc_inspect.results import Severity
 
+CONDUCTOR = Conductor(
+    name='test', diameter=0.028, weight=15.0, stiffness=36e6, expansion=19.3e-6,
+)
+STORM = Case(name='storm', temperature=15.0, wind=35.0)
 LIMITS = (
     Limit(feature='vegetation', distance=0.5, where='under',
           tiers=((Severity.CRITICAL, 0.5), (Severity.WARNING, 2.1))),
@@ -89,3 +94,14 @@ def test_heights_above_ground_are_those_of_the_nearest_ground():
     np.testing.assert_allclose(gaps, [heights[0] - 2.0, heights[1] - 3.0, np.inf])
     assert np.isinf(moved.rise(np.array([0.5]), ground[:0], 3.0)[0]).all()
     assert moved.approach(ground[:0])[0].values.shape == (4, 0)
+
+
+def test_place_along_a_swung_inclined_span_is_horizontal():
+    span = make_span(0, 0, (0, 0, 15), (60, 80, 55))
+    state = change_state(span.length, 40.0, span.c, 15.0, CONDUCTOR, STORM)
+    moved = MovedSpan(span, [state], np.zeros((1, 3)))
+    points = moved.frames[0][0].position(np.linspace(0.0, state.length, 5))
+    (near,) = moved.approach(points)
+    assert near.distance == pytest.approx(np.zeros(5), abs=1e-6)
+    assert near.along == pytest.approx(points[:, :2] @ [0.6, 0.8], abs=1e-6)
+    assert near.along[-1] == pytest.approx(100.0)

@@ -4,6 +4,7 @@
 """What-if on a run made by formula: known sags, known distances."""
 
 import dataclasses
+import json
 import math
 
 from factories import make_inspection, make_span
@@ -17,6 +18,8 @@ from plc_inspect.core.loads.load_cases import evaluate_cases, SURVEYED
 from plc_inspect.core.loads.sag_tension import Case, change_state, Conductor, State
 from plc_inspect.core.loads.sections import group_sections
 from plc_inspect.errors import DataError
+from plc_inspect.offline.export.files import render_json
+from plc_inspect.offline.records.load_case_record import describe_what_if
 from plc_inspect.results import PointClass, Severity
 
 CONDUCTOR = Conductor(
@@ -100,6 +103,38 @@ def test_as_surveyed_is_what_was_surveyed_and_heat_lowers_it():
     first = done.spans[0].outcomes[0].vegetation
     assert first.severity == Severity.CRITICAL
     assert first.clearance == pytest.approx(near)
+
+
+def test_a_span_that_does_not_tell_its_tension_has_no_figures_of_cases():
+    """As surveyed it is as it was; other conductors that hang farther do not stand for it."""
+    inspection = make_inspection()
+    hazard = inspection.result.hazards[0]
+    straight = {(hazard.line_id, hazard.span_id), (2, 1)}
+    spans = tuple(
+        dataclasses.replace(span, c=1e6, sigma=span.sigma | {'c': 4e8})
+        if (span.line_id, span.span_id) in straight else span for span in inspection.result.spans
+    )
+    inspection = dataclasses.replace(
+        inspection, result=dataclasses.replace(inspection.result, spans=spans)
+    )
+    done = evaluate(inspection, HOT, GALE)
+    for row in done.spans:
+        surveyed, *cases = row.outcomes
+        untold = (row.line_id, row.span_id) in straight
+        assert surveyed.sag > 0.0
+        assert math.isnan(surveyed.tension) == untold
+        for item in cases:
+            figures = item.sag, item.c, item.tension
+            assert [math.isnan(value) for value in figures] == [untold] * 3
+            if untold:
+                assert math.isnan(item.vegetation.clearance)
+                assert item.vegetation.severity is item.ground.severity is None
+    surveyed, *cases = done.hazards[hazard.hazard_id]
+    assert surveyed == pytest.approx(hazard.clearance)
+    assert all(math.isnan(value) for value in cases)
+    record = json.loads(render_json(describe_what_if(done, inspection.units)))
+    row = next(row for row in record['spans'] if (row['line_id'], row['span_id']) == (2, 1))
+    assert [item['sag'] is None for item in row['outcomes']] == [False, True, True]
 
 
 def test_ground_that_was_not_seen_has_no_height_in_any_case():

@@ -24,10 +24,10 @@ from plc_inspect.setting_names import update
 FOOT = 0.3048
 
 
-def write(folder, points, settings, units):
+def write(folder, points, settings, units, way=None):
     """Write what of a results folder the command reads."""
     inspection = Inspection(
-        result=Pipeline(settings).run(points), points=points, settings=settings,
+        result=Pipeline(settings, way=way).run(points), points=points, settings=settings,
         source='toy', command='plc_survey', units=units,
     )
     folder.mkdir()
@@ -83,6 +83,19 @@ def test_a_point_by_place_and_by_number(room, capsys, name):
     )
     assert re.search(r'changed it: catenary.min_evidence = \d+\.\d+ instead of 12', rest)
     assert 'run with it, the point is WIRE' in rest
+
+
+def test_dust_of_a_flight_is_told_as_such(tmp_path, capsys):
+    """The path is not in the folder, so that dust is explained as any other point."""
+    points, _ = make_line_cloud(half_width=15.0)
+    way = np.column_stack([np.linspace(0.0, 90.0, 90), np.full(90, -9.0), np.full(90, 15.0)])
+    dust = way[np.arange(4500) % 90] + np.random.default_rng(0).uniform(-5.0, 5.0, (4500, 3))
+    write(tmp_path / 'out', np.vstack([points, dust]), Settings(), Units(), way)
+    index, _ = find(tmp_path / 'out', Decision.NOT_FINITE)
+    assert index >= len(points)
+    _, text, _ = run(capsys, tmp_path / 'out', '--point', index, '--quick')
+    assert 'in the folder it is NOT_FINITE' in text
+    assert 'about which dust is left out' in text
 
 
 def test_quick_tries_nothing(room, capsys):

@@ -134,6 +134,8 @@ def test_checksum_of_a_file_and_a_folder(tmp_path):
      "unknown conductor 'string'"),
     (['--case', 'temperature=80', '--case', 'temperature=80', '--conductor', 'ACSR Drake',
       '--surveyed-at', '15'], 'names of cases must differ'),
+    (['--case', 'as surveyed: temperature=80', '--conductor', 'ACSR Drake', '--surveyed-at', '15'],
+     "also from 'as surveyed'"),
     (['--case', 'cold', '--conductor', 'ACSR Drake', '--surveyed-at', '15'], 'expected'),
     (['--case', 'temperature=80', '--conductor', 'ACSR Drake', '--surveyed-at', '900'],
      'temperature must lie'),

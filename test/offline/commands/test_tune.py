@@ -19,7 +19,7 @@ import time
 import laspy
 import numpy as np
 import pytest
-from toys import make_line_cloud, make_tree
+from toys import make_ground, make_line_cloud, make_tree
 import yaml
 
 from plc_inspect.config import Settings
@@ -128,6 +128,25 @@ def test_settings_are_not_left_for_a_gain_that_shows_nothing(cloud, monkeypatch)
     assert tune(cloud[0], given, SearchPlan(budget=24)).after.value > tuned.before.value
 
 
+def test_a_large_cloud_is_searched_where_the_line_is(cloud, monkeypatch):
+    """Wherever its coordinates begin."""
+    line, label = cloud
+    field = make_ground((-900.0, -900.0), (-400.0, -400.0), per_square_metre=0.2)
+    points = np.vstack([field, line]) + np.array([500_000.0, 6_000_000.0, 40.0])
+    searched = []
+
+    def search(part, *more):
+        searched.append(part)
+        return Workers(part, *more)
+
+    monkeypatch.setattr(tuning_run, 'MOST_POINTS', len(line) // 2)
+    monkeypatch.setattr(tuning_run, 'Workers', search)
+    tune(points, Settings(), SearchPlan(budget=1))
+    wires = points[len(field):][label == 14]
+    held = (searched[0][:, None] == wires[None, ::50]).all(axis=2).any(axis=0)
+    assert held.mean() > 0.5
+
+
 def test_other_settings_that_were_given_are_kept(file, tmp_path):
     params = tmp_path / 'mine.yaml'
     params.write_text('catenary: {min_length: 20.0}\ncorridor: {radius: 0.6}\n', encoding='utf-8')
@@ -157,6 +176,7 @@ def test_same_input_same_file(file, tmp_path):
 @pytest.mark.parametrize(('arguments', 'words'), [
     ([], ['-o']), (['-o', 'none/x.yaml'], ['none']), (['-o', '.'], ['folder']),
     (['-o', 'x.yaml', '--budget', '0'], ['--budget']), (['-o', 'x.yaml', '--set', 'a=1'], ['a']),
+    (['-o', 'x.yaml', '--seed', '-1'], ['--seed']), (['--sensitivity', '--seed', '-1'], ['-1']),
     (['-o', 'x.yaml', '--truth', 'no.laz'], ['no.laz']),
     (['-o', 'x.yaml', '--method', 'luck'], ['luck']),
 ])
@@ -185,6 +205,11 @@ def test_a_file_is_replaced_with_force_only(file, tmp_path, capfd):
 def test_truth_of_another_cloud_is_refused(file, empty, tmp_path, capfd):
     assert run(file, '-o', tmp_path / 'x.yaml', '--truth', empty) == 2
     assert 'points, the cloud' in capfd.readouterr().err
+    points = laspy.read(file)
+    points.points = points.points[np.arange(len(points))[::-1]]
+    points.write(tmp_path / 'turned.laz')
+    assert run(file, '-o', tmp_path / 'x.yaml', '--truth', tmp_path / 'turned.laz') == 2
+    assert 'or in another order: point' in capfd.readouterr().err
 
 
 def test_truth_from_spans(tmp_path):

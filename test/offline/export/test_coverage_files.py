@@ -8,13 +8,20 @@ import json
 
 from factories import make_inspection
 import numpy as np
+import pyproj
 import pytest
 
 from plc_inspect.core.coverage.coverage import Part
 from plc_inspect.offline.export.results_folder import write_results
-from plc_inspect.offline.records.coverage_record import ENOUGH, NOT_ENOUGH, review_coverage
+from plc_inspect.offline.records.coverage_record import (
+    describe_coverage,
+    ENOUGH,
+    NOT_ENOUGH,
+    review_coverage,
+)
 from plc_inspect.offline.records.georeference import make_origin_crs
 from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.report.report import render_report
 
 FOOT = 0.3048
 PLACE = 51.5, 7.25
@@ -71,6 +78,25 @@ def test_report_says_that_not_seen_is_not_safe(run, folder):
     assert 'No clearance rule is broken by what was seen' in page
 
 
+@pytest.mark.parametrize(('is_part', 'text'), [
+    (True, 'but for {} of {} gaps'), (False, 'No safe flight was found'),
+])
+def test_gaps_that_no_run_covers_are_told(run, is_part, text):
+    sight = review_coverage(run)
+    runs = sight.refly.runs[:-1] if is_part else ()
+    kept = [number for number, own in enumerate(sight.refly.run) if own < len(runs)]
+    sight = replace(sight, refly=replace(
+        sight.refly, runs=runs, places=sight.refly.places[kept],
+        kinds=tuple(sight.refly.kinds[k] for k in kept),
+        run=tuple(sight.refly.run[k] for k in kept),
+    ))
+    record = describe_coverage(sight, run.units)
+    shown = {gap for row in record['refly']['waypoints'] for gap in row['gaps']}
+    assert record['refly']['left_out'] == sorted(set(range(len(record['gaps']))) - shown) != []
+    page = render_report(run, sight)
+    assert text.format(len(record['refly']['left_out']), len(record['gaps'])) in page
+
+
 def test_plan_and_layers_are_where_the_waypoints_are(run, folder):
     waypoints = read(folder / 'coverage.json')['refly']['waypoints']
     plan, points = read(folder / 'refly.plan'), read(folder / 'refly.geojson')['features']
@@ -95,6 +121,20 @@ def test_plan_and_layers_are_where_the_waypoints_are(run, folder):
     record = read(folder / 'coverage.json')
     assert kinds.count('section') == len(record['sections'])
     assert kinds.count('gap') == len(record['gaps'])
+
+
+@pytest.mark.parametrize(('name', 'has_plan', 'words'), [
+    ('EPSG:25833+5783', True, 'refly.geojson, refly.plan.'),
+    ('EPSG:25833', True, 'refly.plan. The latter takes the heights for altitudes above the sea'),
+    ('EPSG:25833 3D', False, 'There is no refly.plan'),
+])
+def test_plan_only_where_heights_may_be_above_the_sea(run, tmp_path, name, has_plan, words):
+    system = pyproj.CRS(name.removesuffix(' 3D'))
+    system = system.to_3d() if name.endswith('3D') else system
+    write_results(tmp_path / 'out', replace(run, crs=system.to_wkt()))
+    assert (tmp_path / 'out/refly.plan').exists() == has_plan
+    assert (tmp_path / 'out/refly.geojson').exists()
+    assert words in (tmp_path / 'out/report.html').read_text(encoding='utf-8')
 
 
 def test_without_a_place_on_earth_there_is_no_plan(run, tmp_path):

@@ -42,7 +42,7 @@ from plc_inspect.offline.report.point_scene import make_scene
 from plc_inspect.offline.report.report import format_number, render_report
 from plc_inspect.offline.report.span_frame import find_frame
 from plc_inspect.offline.report.view import encode_view
-from plc_inspect.results import PointClass
+from plc_inspect.results import PointClass, StageReport
 from plc_inspect.setting_names import describe, update
 
 RULES = Path(__file__).parents[3] / 'config' / 'rules'
@@ -327,6 +327,19 @@ def test_a_report_by_each_rule_set(name):
     summary = render_summary(inspection)
     assert f'WARNING: {inspection.rules.gaps}' in summary
     assert describe_run(inspection, 0)['not_covered'] == inspection.rules.gaps
+
+
+@pytest.mark.parametrize(('cell', 'is_told'), [(1.0, False), (6.64, True)])
+def test_a_ground_coarser_than_set_is_told(cell, is_told):
+    inspection = make_inspection()
+    stage = StageReport(name='height', num_in=9, num_kept=9, values={'cell_size': cell})
+    inspection = dataclasses.replace(
+        inspection, result=dataclasses.replace(inspection.result, stages=(stage,))
+    )
+    text = 'the ground has cells of 6.6 m in place of 1 m'
+    assert (text in describe_run(inspection, 0)['coarse_ground']) == is_told
+    assert (text in render_summary(inspection)) == is_told
+    assert (text in render_report(inspection)) == is_told
 
 
 def test_what_reaches_the_conductor_comes_first():

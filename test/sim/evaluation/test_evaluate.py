@@ -338,6 +338,24 @@ def test_command_prints_a_table(folder, capsys):
     assert format_table(evaluate(survey, read_truth(folder / 'truth.json'))) == text.rstrip('\n')
 
 
+@pytest.mark.parametrize(('order', 'scale', 'is_same'), [
+    (1, 1.0, True), (1, 0.3048, True), (-1, 1.0, False),
+])
+def test_labels_of_points_in_another_order_are_refused(
+    folder, tmp_path, capsys, order, scale, is_same
+):
+    """A file in another unit, which the results may be converted from, holds the same points."""
+    las = laspy.read(folder / 'labels.laz')
+    places = las.xyz[::order] / scale
+    las.classification = las.classification[::order]
+    las.x, las.y, las.z = places.T
+    las.write(tmp_path / 'labels.laz')
+    assert main([str(folder / 'out'), str(tmp_path / 'labels.laz')]) == (0 if is_same else 2)
+    out, err = capsys.readouterr()
+    assert ('F1 1.0000' in out) == is_same
+    assert ('or in another order: point' in err) != is_same
+
+
 def test_command_prints_json(folder, capsys):
     """--json is strict JSON with the same numbers."""
     assert main([str(folder / 'out'), str(folder / 'truth.json'), '--json']) == 0
