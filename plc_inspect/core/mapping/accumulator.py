@@ -303,8 +303,6 @@ class Accumulator:
         self._clock = self._clock.restarted()
         self._leads.clear()
         self.entry.forget_times()
-        self._dropped[DropReason.RESET] += len(self._queue)
-        self._queue.clear()
         self._forget_times()
         if not keep_map:
             self.follower.clear()
@@ -315,7 +313,9 @@ class Accumulator:
             self.timing.clear()
 
     def _forget_times(self) -> None:
-        """Take poses and scans of any time from now on."""
+        """Take poses and scans of any time from now on; drop what waits, as its time is over."""
+        self._dropped[DropReason.RESET] += len(self._queue)
+        self._queue.clear()
         self._gate.forget_times()
         self.pose_gate.forget_times()
         self.timing.forget_times()

@@ -1,10 +1,11 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Refuses scans of another frame or layout, or of the same time as an earlier one."""
+"""Refuses scans of another frame or layout, of the same time as an earlier one, or from before."""
 
 from collections import deque
 
+from plc_inspect.core.mapping.scan_clock import SetBack
 from plc_inspect.core.mapping.scan_counters import DropReason
 
 REMEMBERED = 16
@@ -48,10 +49,14 @@ class ScanGate:
     the topic, a message came twice, or the stamps are wrong; the first to arrive is kept.  For a
     while after many such conflicts, scans off its rhythm are refused too, so that the other driver
     does not take over when a scan of the first is lost.
+
+    A scan from before all REMEMBERED may show that the clocks were set back, and the poses of its
+    time be those from before: it is refused, until many show it, or the odometry does.
     """
 
     def __init__(self) -> None:
         self._frame_id = self._layout = ''
+        self._set_back = SetBack()
         self.forget_times()
 
     def forget_times(self) -> None:
@@ -59,6 +64,7 @@ class ScanGate:
         self._taken: deque[tuple[int, int, int]] = deque(maxlen=REMEMBERED)
         self._judged: deque[tuple[int, bool]] = deque(maxlen=REMEMBERED)
         self._conflict: int | None = None
+        self._set_back.clear()
 
     def judge(
         self, frame_id: str, layout: str, stamp_ns: int, times: tuple[int, int],
@@ -91,6 +97,11 @@ class ScanGate:
             return DropReason.OTHER_LAYOUT
         if any(stamp_ns == stamp for stamp, _ in self._judged):
             return DropReason.OVERLAP  # the same message again
+        if len(self._taken) == REMEMBERED and stamp_ns < min(self._taken)[0]:
+            if not self._set_back.add(stamp_ns):
+                return DropReason.SET_BACK
+            self.forget_times()
+        self._set_back.clear()
         overlaps = any(_overlap((stamp_ns, *times), other) for other in self._taken)
         self._judged.append((stamp_ns, overlaps))
         if overlaps:

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
+from plc_inspect.core.mapping.scan_clock import RESTART_AFTER
 from plc_inspect.core.mapping.scan_counters import DropReason
-from plc_inspect.core.mapping.scan_gate import ScanGate
+from plc_inspect.core.mapping.scan_gate import REMEMBERED, ScanGate
 
 MS = 1_000_000
 
@@ -42,6 +43,16 @@ def test_a_scan_without_a_frame_tells_no_frame():
 def test_scans_out_of_order_pass():
     gate = ScanGate()
     assert [judge(gate, stamp) for stamp in (100, 300, 200, 500, 400)] == [None] * 5
+
+
+def test_scans_from_before_all_others_pass_once_many_show_a_clock_set_back():
+    gate = ScanGate()
+    for number in range(REMEMBERED):
+        assert judge(gate, 5000 + 100 * number) is None
+    assert judge(gate, 2000) is DropReason.SET_BACK  # one stamp that is wrong
+    assert judge(gate, 6600) is None
+    back = [judge(gate, 2000 + 100 * number) for number in range(RESTART_AFTER + 2)]
+    assert back == [*[DropReason.SET_BACK] * (RESTART_AFTER - 1), None, None, None]
 
 
 @pytest.mark.parametrize('phase', [3, 30, 50, 75])
