@@ -211,9 +211,8 @@ class Accumulator:
         xyz : Float32
             (N, 3) points in the lidar frame [m].
         time : NDArray[np.float64] or None
-            (N,) time of each point relative to the stamp [s], of either sign: >= 0 where the
-            stamp is that of the first packet, <= 0 where it is that of the last.  None: all
-            points are taken at the stamp.
+            (N,) time of each point relative to the stamp [s], >= 0 where that is of the first
+            packet, <= 0 where it is of the last.  None: all points are taken at the stamp.
         frame_id : str
             Frame of the scan.
         num_not_finite : int
@@ -337,8 +336,9 @@ class Accumulator:
                 self._insert(scan)
 
     def _insert(self, scan: WaitingScan) -> None:
-        if is_placed(self._lidar_frame, self.frame_id) and not scan.placed:
-            self._dropped[DropReason.NO_POSE_BEFORE] += 1  # came before the map frame was known
+        early = is_placed(self._lidar_frame, self.frame_id) and not scan.placed
+        if early or self._gate.is_disproved(scan.stamp_ns):  # early: the map frame was unknown
+            self._dropped[DropReason.NO_POSE_BEFORE if early else DropReason.DISPROVED] += 1
             return
         self._follow_mount()
         found = self.placer.place(scan, self.poses)

@@ -34,6 +34,11 @@ CONFLICT_NS = 10_000_000_000
 Time after such an overlap during which scans must keep to the period [ns].
 Source: judgement; not measured.
 """
+LEAST_LATER = 2
+"""
+Scans that come after another one but are from before it, which show that its stamp is wrong.
+Source: derived: where two come in the wrong order it is one.
+"""
 MOST_PHASE = 0.05
 """
 Greatest deviation from a whole number of periods during that time, in periods.
@@ -102,7 +107,10 @@ class ScanGate:
                 return DropReason.SET_BACK
             self.forget_times()
         self._set_back.clear()
-        overlaps = any(_overlap((stamp_ns, *times), other) for other in self._taken)
+        overlaps = any(
+            _overlap((stamp_ns, *times), other) for other in self._taken
+            if not self.is_disproved(other[0])
+        )
         self._judged.append((stamp_ns, overlaps))
         if overlaps:
             if sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS:
@@ -112,6 +120,12 @@ class ScanGate:
             return DropReason.OVERLAP
         self._taken.append((stamp_ns, *times))
         return None
+
+    def is_disproved(self, stamp_ns: int) -> bool:
+        """Tell whether scans that came after an accepted one show that its stamp [ns] is wrong."""
+        stamps = [stamp for stamp, _, _ in self._taken]
+        later = stamps[stamps.index(stamp_ns) + 1 :] if stamp_ns in stamps else []
+        return sum(stamp < stamp_ns for stamp in later) >= LEAST_LATER
 
     def _is_off_rhythm(self, stamp_ns: int, period: float | None) -> bool:
         if self._conflict is None or period is None or not self._taken:

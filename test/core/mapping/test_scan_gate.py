@@ -45,6 +45,17 @@ def test_scans_out_of_order_pass():
     assert [judge(gate, stamp) for stamp in (100, 300, 200, 500, 400)] == [None] * 5
 
 
+def test_scans_that_come_later_from_before_disprove_a_stamp():
+    gate = ScanGate()
+    assert judge(gate, 610) is None  # should be 100
+    assert judge(gate, 200) is None
+    assert not gate.is_disproved(610 * MS)  # the two may have come in the wrong order
+    assert [judge(gate, stamp) for stamp in range(300, 900, 100)] == [None] * 6
+    assert gate.is_disproved(610 * MS)
+    assert not gate.is_disproved(500 * MS)
+    assert not gate.is_disproved(123 * MS)
+
+
 def test_scans_from_before_all_others_pass_once_many_show_a_clock_set_back():
     gate = ScanGate()
     for number in range(REMEMBERED):
