@@ -72,7 +72,8 @@ class RepeatedPositions:
         if pose.stamp_ns <= last.stamp_ns:
             return [pose]  # out of order, or time went back: whoever takes it judges that
         if pose.stamp_ns <= newest.stamp_ns:
-            return []  # of a time that waits: taken before it, all that wait would come too late
+            # taken now, it would make late what waits: one that is refused stands for it
+            return [last]
         if pose.frames != last.frames:
             return self._go_on(pose)
         if (pose.position == last.position).all():

@@ -9,7 +9,7 @@ import pytest
 from plc_inspect.config import InputSettings
 from plc_inspect.core.alignment.coarse_positions import CoarsePositions
 from plc_inspect.core.alignment.frame_watch import FramedPose
-from plc_inspect.core.mapping.pose_buffer import PoseBuffer
+from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
 from plc_inspect.core.mapping.pose_gate import PoseGate
 
 START = 1_700_000_000_000_000_000
@@ -63,8 +63,9 @@ def test_no_position_is_extrapolated_after_a_pose_out_of_order(back):
     given = fly(100)
     early = make_pose(1080 - back, SPEED * 1.1)  # the position that is new at 1,100 ms
     _, taken = feed([*given[:55], early, *given[55:]])
-    assert len(taken) == len(given)
-    assert np.abs(find_errors(taken[10:-5])).max() < 1e-9
+    kept = [pose for number, pose in enumerate(taken) if pose not in taken[:number]]
+    assert len(kept) == len(given) == len(taken) - 1  # one that is refused
+    assert np.abs(find_errors(kept[10:-5])).max() < 1e-9
 
 
 def test_repeated_positions_are_interpolated_though_poses_come_twice_or_without_numbers():
@@ -77,6 +78,8 @@ def test_repeated_positions_are_interpolated_though_poses_come_twice_or_without_
             buffer.insert(item.stamp_ns, item.position, item.quaternion)
     known = buffer.arrays()
     assert len(known.stamps) == 196  # but those that wait at the end
+    assert buffer.counts[PoseStatus.NOT_LATER] == 200
+    assert buffer.counts[PoseStatus.NOT_FINITE] == len(broken)
     errors = known.positions[:, 0] - SPEED * (known.stamps - START) * 1e-9
     assert np.abs(errors[10:]).max() < 1e-9
 
