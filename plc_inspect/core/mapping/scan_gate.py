@@ -4,6 +4,7 @@
 """Refuses scans of another frame or layout, of the same time as an earlier one, or from before."""
 
 from collections import deque
+from collections.abc import Sequence
 
 from plc_inspect.core.mapping.scan_clock import SetBack
 from plc_inspect.core.mapping.scan_counters import DropReason
@@ -41,7 +42,7 @@ Source: derived: where two come in the wrong order it is one.
 """
 MOST_PHASE = 0.05
 """
-Greatest deviation from a whole number of periods during that time, in periods.
+Greatest deviation from a whole number of periods of scans in one rhythm, in periods.
 Source: judgement; not measured.
 """
 
@@ -51,9 +52,10 @@ class ScanGate:
     Decides which scans are accepted, by those accepted before.
 
     One sensor measures one scan at a time.  If two scans overlap in time, a second driver is on
-    the topic, a message came twice, or the stamps are wrong; the first to arrive is kept.  For a
-    while after many such conflicts, scans off its rhythm are refused too, so that the other driver
-    does not take over when a scan of the first is lost.
+    the topic, a message came twice, or the stamps are wrong; the first to arrive is kept, unless
+    the other alone is in the rhythm of most before.  For a while after many such conflicts, scans
+    off that rhythm are refused too, so that the other driver does not take over when a scan of the
+    first is lost.
 
     A scan from before all REMEMBERED may show that the clocks were set back, and the poses of its
     time be those from before: it is refused, until many show it, or the odometry does.
@@ -68,6 +70,8 @@ class ScanGate:
         """Accept scans of any time next, as after time went back."""
         self._taken: deque[tuple[int, int, int]] = deque(maxlen=REMEMBERED)
         self._judged: deque[tuple[int, bool]] = deque(maxlen=REMEMBERED)
+        self._disproved: deque[int] = deque(maxlen=REMEMBERED)
+        """Stamps of scans that were accepted, and would not be now [ns]."""
         self._conflict: int | None = None
         self._set_back.clear()
 
@@ -107,33 +111,57 @@ class ScanGate:
                 return DropReason.SET_BACK
             self.forget_times()
         self._set_back.clear()
-        overlaps = any(
-            _overlap((stamp_ns, *times), other) for other in self._taken
-            if not self.is_disproved(other[0])
-        )
-        self._judged.append((stamp_ns, overlaps))
-        if overlaps:
-            if sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS:
-                self._conflict = stamp_ns
+        rivals = [item for item in self._taken if _overlap((stamp_ns, *times), item)]
+        self._judged.append((stamp_ns, bool(rivals)))
+        if sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS and rivals:
+            self._conflict = stamp_ns
+        if rivals and not self._is_right(stamp_ns, rivals, period):
             return DropReason.OVERLAP
+        self._disprove(rivals)
         if self._is_off_rhythm(stamp_ns, period):
             return DropReason.OVERLAP
         self._taken.append((stamp_ns, *times))
+        self._disprove([
+            item for number, item in enumerate(self._taken)
+            if sum(later < item for later in list(self._taken)[number + 1 :]) >= LEAST_LATER
+        ])
         return None
 
     def is_disproved(self, stamp_ns: int) -> bool:
         """Tell whether scans that came after an accepted one show that its stamp [ns] is wrong."""
-        stamps = [stamp for stamp, _, _ in self._taken]
-        later = stamps[stamps.index(stamp_ns) + 1 :] if stamp_ns in stamps else []
-        return sum(stamp < stamp_ns for stamp in later) >= LEAST_LATER
+        return stamp_ns in self._disproved
+
+    def _disprove(self, scans: Sequence[tuple[int, int, int]]) -> None:
+        for item in scans:
+            self._taken.remove(item)
+            self._disproved.append(item[0])
+
+    def _is_right(
+        self, stamp_ns: int, rivals: Sequence[tuple[int, int, int]], period: float | None
+    ) -> bool:
+        """Tell whether a scan keeps to the rhythm of most others, and those of its time do not."""
+        others = [item[0] for item in self._taken if item not in rivals]
+        if period is None or len(others) < LEAST_CONFLICTS:
+            return False
+
+        def keeps_time(stamp: int) -> bool:
+            near = sum(_is_in_phase(stamp - other, period) for other in others)
+            return 2 * near > len(others)
+
+        return keeps_time(stamp_ns) and not any(keeps_time(item[0]) for item in rivals)
 
     def _is_off_rhythm(self, stamp_ns: int, period: float | None) -> bool:
         if self._conflict is None or period is None or not self._taken:
             return False
         if abs(stamp_ns - self._conflict) > CONFLICT_NS:
             return False
-        steps = (stamp_ns - self._taken[-1][0]) * 1e-9 / period
-        return abs(steps - round(steps)) > MOST_PHASE
+        return not _is_in_phase(stamp_ns - self._taken[-1][0], period)
+
+
+def _is_in_phase(step_ns: int, period: float) -> bool:
+    """Tell whether a time is a whole number of periods [s]."""
+    steps = step_ns * 1e-9 / period
+    return abs(steps - round(steps)) <= MOST_PHASE
 
 
 def _overlap(scan: tuple[int, int, int], other: tuple[int, int, int]) -> bool:

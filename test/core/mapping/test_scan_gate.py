@@ -6,7 +6,7 @@ import pytest
 
 from plc_inspect.core.mapping.scan_clock import RESTART_AFTER
 from plc_inspect.core.mapping.scan_counters import DropReason
-from plc_inspect.core.mapping.scan_gate import REMEMBERED, ScanGate
+from plc_inspect.core.mapping.scan_gate import LEAST_CONFLICTS, REMEMBERED, ScanGate
 
 MS = 1_000_000
 
@@ -86,11 +86,24 @@ def test_repeated_scans_are_refused(duration):
     assert judged == [None, DropReason.OVERLAP] * 10
 
 
-@pytest.mark.parametrize(('late', 'lost'), [(15, 0), (21, 1), (50, 1), (90, 1)])
-def test_one_late_stamp_costs_one_scan(late, lost):
+@pytest.mark.parametrize('phase', [80, 85, 90])
+def test_second_driver_that_overlaps_little_does_not_take_over(phase):
+    gate = ScanGate()
+    taken = {'first': 0, 'second': 0}
+    for number in range(100):
+        taken['first'] += judge(gate, 100 * number) is None
+        if 10 <= number < 50:
+            taken['second'] += judge(gate, 100 * number + phase) is None
+    assert taken == {'first': 100, 'second': LEAST_CONFLICTS}
+    assert gate.is_disproved((1000 + phase) * MS)
+
+
+@pytest.mark.parametrize('late', [15, 21, 50, 90])
+def test_one_late_stamp_costs_no_other_scan(late):
     gate = ScanGate()
     judged = [judge(gate, 100 * number + late * (number == 20)) for number in range(100)]
-    assert judged.count(DropReason.OVERLAP) == lost
+    assert judged == [None] * 100
+    assert gate.is_disproved((2000 + late) * MS) == (late > 20)
 
 
 @pytest.mark.parametrize('times', [1, 2])
