@@ -113,13 +113,14 @@ class ScanGate:
         self._set_back.clear()
         rivals = [item for item in self._taken if _overlap((stamp_ns, *times), item)]
         self._judged.append((stamp_ns, bool(rivals)))
-        if sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS and rivals:
+        if rivals and sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS:
             self._conflict = stamp_ns
-        if rivals and not self._is_right(stamp_ns, rivals, period):
+        if not (
+            self._is_right(stamp_ns, rivals, period) if rivals
+            else self._is_in_rhythm(stamp_ns, period)
+        ):
             return DropReason.OVERLAP
         self._disprove(rivals)
-        if self._is_off_rhythm(stamp_ns, period):
-            return DropReason.OVERLAP
         self._taken.append((stamp_ns, *times))
         self._disprove([
             item for number, item in enumerate(self._taken)
@@ -150,12 +151,13 @@ class ScanGate:
 
         return keeps_time(stamp_ns) and not any(keeps_time(item[0]) for item in rivals)
 
-    def _is_off_rhythm(self, stamp_ns: int, period: float | None) -> bool:
+    def _is_in_rhythm(self, stamp_ns: int, period: float | None) -> bool:
+        """Tell whether a scan keeps to the rhythm, where a second driver makes it necessary."""
         if self._conflict is None or period is None or not self._taken:
-            return False
+            return True
         if abs(stamp_ns - self._conflict) > CONFLICT_NS:
-            return False
-        return not _is_in_phase(stamp_ns - self._taken[-1][0], period)
+            return True
+        return _is_in_phase(stamp_ns - self._taken[-1][0], period)
 
 
 def _is_in_phase(step_ns: int, period: float) -> bool:
