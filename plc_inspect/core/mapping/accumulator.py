@@ -86,8 +86,7 @@ class Accumulator:
         self._dropped: Counter[DropReason] = Counter()
         self._lidar_frame = ''
         self.mount: Mount | None = None  # for the scans in the map
-        self._gate = ScanGate()
-        self.timing = ScanTiming()
+        self._gate, self.timing = ScanGate(), ScanTiming()
         self._leads: deque[float] = deque(maxlen=LEADS)
         self.last_inserted: int | None = None
         """Stamp of the scan inserted last [ns], None before the first."""
@@ -185,7 +184,8 @@ class Accumulator:
             self.pose_gate.frames = pose.frames
             if status is PoseStatus.RESTARTED:
                 self._forget_times()
-            break_odd(self.poses, self.follower)
+            if break_odd(self.poses, self.follower):
+                self._forget_times()
             self._drain()
             self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
@@ -327,7 +327,7 @@ class Accumulator:
     def _drain(self) -> None:
         """Insert or drop every scan that the odometry has passed."""
         newest = self.poses.last_stamp
-        if newest is None or len(self.poses) < 2 or not self._queue:
+        if newest is None or len(self.poses) < 2 or self.poses.in_doubt or not self._queue:
             return
         for scan in self._take_waiting():
             if scan.last > min(newest, self.follower.watch.believed_ns or newest):

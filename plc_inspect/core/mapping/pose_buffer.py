@@ -136,6 +136,11 @@ class PoseBuffer:
         return int(self._stamps[self._end - 1]) if len(self) else None
 
     @property
+    def in_doubt(self) -> bool:
+        """Whether poses came since the newest that are not later: the clock may be set back."""
+        return self._set_back.count > 0
+
+    @property
     def period(self) -> float | None:
         """Median time between the newest poses [s], None while there are fewer than 3."""
         newest = self._stamps[max(self._start, self._end - PERIODS - 1) : self._end]
@@ -161,6 +166,15 @@ class PoseBuffer:
         self._start = 0
         self._end = 0
         self._set_back.clear()
+        self.num_refused = 0
+        """Poses refused for their stamps right before the newest, although these ascend."""
+
+    def restart(self) -> None:
+        """Forget all poses but the newest, as before it the clock was set back."""
+        self._start = self._end - 1
+        self._intervals[self._start] = Bracket.OK
+        self._counts[PoseStatus.ACCEPTED] -= 1
+        self._counts[PoseStatus.RESTARTED] += 1
 
     def insert(self, stamp_ns: int, position: ArrayLike, quaternion: ArrayLike) -> PoseStatus:
         """
@@ -222,6 +236,7 @@ class PoseBuffer:
         pose[3:] /= norm
         last = self.last_stamp
         if last is None or stamp_ns > last:
+            self.num_refused = self._set_back.count
             self._set_back.clear()
             return PoseStatus.ACCEPTED
         return PoseStatus.RESTARTED if self._set_back.add(stamp_ns) else PoseStatus.NOT_LATER

@@ -41,13 +41,14 @@ class SetBack:
 
     def clear(self) -> None:
         """Note a stamp that is not earlier than those before."""
-        self._count = self._last = 0
+        self._last = self.count = 0
+        """Earlier stamps in a row, ascending."""
 
     def add(self, stamp_ns: int) -> bool:
         """Note an earlier stamp [ns]; return whether the clock was set back."""
-        self._count = self._count + 1 if stamp_ns > self._last else 1
+        self.count = self.count + 1 if stamp_ns > self._last else 1
         self._last = stamp_ns
-        return self._count >= RESTART_AFTER
+        return self.count >= RESTART_AFTER
 
 
 class WaitClock:

@@ -346,7 +346,7 @@ def test_reset_after_a_jump_back_in_time(keep_map):
     assert counters.num_scans_inserted == 2
 
 
-@pytest.mark.parametrize('back_ms', [300, 700, 3000])
+@pytest.mark.parametrize('back_ms', [40, 60, 90, 300, 700, 3000])
 @pytest.mark.parametrize('waiting', [False, True])
 def test_no_scan_is_placed_by_poses_from_before_clocks_were_set_back(back_ms, waiting):
     accumulator = make_accumulator()
