@@ -64,11 +64,16 @@ class RepeatedPositions:
         """Return the poses to use now, in order."""
         last = self._last
         newest = self._held[-1] if self._held else last
-        if newest is not None and pose.stamp_ns <= newest.stamp_ns:
-            return [pose]  # out of order, or time went back: whoever takes it judges that
-        if last is None:
+        if not np.isfinite(pose.position).all():
+            return [pose]  # whoever takes it refuses it
+        if last is None or newest is None:
             self._last = pose
             return [pose]
+        if pose.stamp_ns <= last.stamp_ns:
+            return [pose]  # out of order, or time went back: whoever takes it judges that
+        if pose.stamp_ns <= newest.stamp_ns:
+            # taken now, it would make late what waits: one that is refused stands for it
+            return [last]
         if pose.frames != last.frames:
             return self._go_on(pose)
         if (pose.position == last.position).all():

@@ -86,8 +86,7 @@ class Accumulator:
         self._dropped: Counter[DropReason] = Counter()
         self._lidar_frame = ''
         self.mount: Mount | None = None  # for the scans in the map
-        self._gate = ScanGate()
-        self.timing = ScanTiming()
+        self._gate, self.timing = ScanGate(), ScanTiming()
         self._leads: deque[float] = deque(maxlen=LEADS)
         self.last_inserted: int | None = None
         """Stamp of the scan inserted last [ns], None before the first."""
@@ -185,7 +184,8 @@ class Accumulator:
             self.pose_gate.frames = pose.frames
             if status is PoseStatus.RESTARTED:
                 self._forget_times()
-            break_odd(self.poses, self.follower)
+            if break_odd(self.poses, self.follower):
+                self._forget_times()
             self._drain()
             self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
@@ -211,9 +211,8 @@ class Accumulator:
         xyz : Float32
             (N, 3) points in the lidar frame [m].
         time : NDArray[np.float64] or None
-            (N,) time of each point relative to the stamp [s], of either sign: >= 0 where the
-            stamp is that of the first packet, <= 0 where it is that of the last.  None: all
-            points are taken at the stamp.
+            (N,) time of each point relative to the stamp [s], >= 0 where that is of the first
+            packet, <= 0 where it is of the last.  None: all points are taken at the stamp.
         frame_id : str
             Frame of the scan.
         num_not_finite : int
@@ -303,8 +302,6 @@ class Accumulator:
         self._clock = self._clock.restarted()
         self._leads.clear()
         self.entry.forget_times()
-        self._dropped[DropReason.RESET] += len(self._queue)
-        self._queue.clear()
         self._forget_times()
         if not keep_map:
             self.follower.clear()
@@ -315,7 +312,9 @@ class Accumulator:
             self.timing.clear()
 
     def _forget_times(self) -> None:
-        """Take poses and scans of any time from now on."""
+        """Take poses and scans of any time from now on; drop what waits, as its time is over."""
+        self._dropped[DropReason.RESET] += len(self._queue)
+        self._queue.clear()
         self._gate.forget_times()
         self.pose_gate.forget_times()
         self.timing.forget_times()
@@ -328,7 +327,7 @@ class Accumulator:
     def _drain(self) -> None:
         """Insert or drop every scan that the odometry has passed."""
         newest = self.poses.last_stamp
-        if newest is None or len(self.poses) < 2 or not self._queue:
+        if newest is None or len(self.poses) < 2 or self.poses.in_doubt or not self._queue:
             return
         for scan in self._take_waiting():
             if scan.last > min(newest, self.follower.watch.believed_ns or newest):
@@ -337,8 +336,9 @@ class Accumulator:
                 self._insert(scan)
 
     def _insert(self, scan: WaitingScan) -> None:
-        if is_placed(self._lidar_frame, self.frame_id) and not scan.placed:
-            self._dropped[DropReason.NO_POSE_BEFORE] += 1  # came before the map frame was known
+        early = is_placed(self._lidar_frame, self.frame_id) and not scan.placed
+        if early or self._gate.is_disproved(scan.stamp_ns):  # early: the map frame was unknown
+            self._dropped[DropReason.NO_POSE_BEFORE if early else DropReason.DISPROVED] += 1
             return
         self._follow_mount()
         found = self.placer.place(scan, self.poses)

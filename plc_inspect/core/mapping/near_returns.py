@@ -84,9 +84,9 @@ class NearReturns:
         near = np.flatnonzero(scan.apart <= REACH)
         if len(near) > MOST_KEPT:
             lowest = _find_lowest(cells, scan.points[np.argmin(scan.apart)])
-            near = near[scan.points[near, 2] >= lowest + STANDS]
-        if len(near) > MOST_KEPT:
-            near = near[np.argpartition(scan.apart[near], MOST_KEPT)[:MOST_KEPT]]
+            low = scan.points[near, 2] < lowest + STANDS  # the ground, or wires where none is seen
+            order = np.argpartition(scan.apart[near] + REACH * low, MOST_KEPT)
+            near = near[order[:MOST_KEPT]]
         while self._kept and not 0 <= scan.stamp_ns - self._kept[0][0] <= KEPT_NS:
             self._kept.popleft()
         if len(near):

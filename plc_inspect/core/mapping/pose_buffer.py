@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from plc_inspect.config import InputSettings
 from plc_inspect.core.alignment.pose_watch import LEAST_STEP, LEAST_TURN
+from plc_inspect.core.mapping.scan_clock import SetBack
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int64, UInt8
 
@@ -34,11 +35,6 @@ Source: derived: 2000 degrees/s, as far as gyroscopes measure.
 """
 QUATERNION_TOLERANCE = 0.01
 """Greatest difference of a quaternion's length from 1.  Source: judgement; not measured."""
-RESTART_AFTER = 10
-"""
-Consecutive poses, ascending in time but earlier than the newest, that restart the buffer.
-Source: judgement; not measured.
-"""
 PERIODS = 16
 """Intervals between poses over which the median is taken.  Source: judgement; not measured."""
 
@@ -93,9 +89,9 @@ class PoseBuffer:
     Bounded buffer of poses in order of time; the oldest are dropped first.
 
     Rejects and counts poses that are not finite, whose quaternion is not of unit length or whose
-    stamp is not later than the newest.  When it has rejected RESTART_AFTER poses in a row for
-    their stamps although these ascend, the odometry has gone back in time: the buffer is cleared
-    and starts again with the last of them.
+    stamp is not later than the newest.  When it has rejected poses in a row for their stamps
+    although these ascend, until ``SetBack`` tells that the clock of the odometry was set back, the
+    buffer is cleared and starts again with the last of them.
 
     Parameters
     ----------
@@ -122,6 +118,7 @@ class PoseBuffer:
         self._intervals: UInt8 = np.empty(2 * capacity, dtype=np.uint8)
         self._counts: Counter[PoseStatus] = Counter()
         self._interval_counts: Counter[Bracket] = Counter()
+        self._set_back = SetBack()
         self.clear()
 
     def configure(self, settings: InputSettings) -> None:
@@ -137,6 +134,11 @@ class PoseBuffer:
     def last_stamp(self) -> int | None:
         """Stamp of the newest pose [ns], None when empty."""
         return int(self._stamps[self._end - 1]) if len(self) else None
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether poses came since the newest that are not later: the clock may be set back."""
+        return self._set_back.count > 0
 
     @property
     def period(self) -> float | None:
@@ -163,8 +165,16 @@ class PoseBuffer:
         """Forget all poses; the counts stay."""
         self._start = 0
         self._end = 0
-        self._num_backward = 0
-        self._last_backward = 0
+        self._set_back.clear()
+        self.num_refused = 0
+        """Poses refused for their stamps right before the newest, although these ascend."""
+
+    def restart(self) -> None:
+        """Forget all poses but the newest, as before it the clock was set back."""
+        self._start = self._end - 1
+        self._intervals[self._start] = Bracket.OK
+        self._counts[PoseStatus.ACCEPTED] -= 1
+        self._counts[PoseStatus.RESTARTED] += 1
 
     def insert(self, stamp_ns: int, position: ArrayLike, quaternion: ArrayLike) -> PoseStatus:
         """
@@ -226,13 +236,10 @@ class PoseBuffer:
         pose[3:] /= norm
         last = self.last_stamp
         if last is None or stamp_ns > last:
-            self._num_backward = 0
+            self.num_refused = self._set_back.count
+            self._set_back.clear()
             return PoseStatus.ACCEPTED
-        ascending = self._num_backward == 0 or stamp_ns > self._last_backward
-        self._num_backward = self._num_backward + 1 if ascending else 1
-        self._last_backward = stamp_ns
-        restart = self._num_backward >= RESTART_AFTER
-        return PoseStatus.RESTARTED if restart else PoseStatus.NOT_LATER
+        return PoseStatus.RESTARTED if self._set_back.add(stamp_ns) else PoseStatus.NOT_LATER
 
     def _append(self, stamp_ns: int, pose: Float64) -> None:
         if self._end == 2 * self._capacity:

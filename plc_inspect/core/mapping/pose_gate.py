@@ -19,6 +19,12 @@ Last words of the names of frames whose z points down.
 Source: REP-147 and MAVROS: north east down, front right down.
 """
 
+LEAST_REFUSED = 2
+"""
+Poses refused for their stamps before one that jumps, which show a clock set back, and no step.
+Source: derived: where each pose comes twice, it is one.
+"""
+
 
 class PoseGate:
     """
@@ -92,14 +98,23 @@ def _doubt_axes(frames: tuple[str, str] | None) -> str:
     )
 
 
-def break_odd(poses: PoseBuffer, follower: Follower) -> None:
-    """Forbid interpolation up to the newest pose if it jumped or the odometry froze."""
+def break_odd(poses: PoseBuffer, follower: Follower) -> bool:
+    """
+    Forbid interpolation up to the newest pose if it jumped or the odometry froze.
+
+    Where poses were refused right before a jump, the clock was set back, by less than it takes to
+    be sure by the stamps alone: the poses are forgotten, and True is returned.
+    """
     known = poses.arrays()
     position = known.positions[-1]
     if np.abs(position).max() >= MOST_COORDINATE:
-        return
+        return False
     found = follower.see_pose(int(known.stamps[-1]), position, known.quaternions[-1])
     frozen = follower.watch.frozen
+    if not frozen and found is not None and poses.num_refused >= LEAST_REFUSED:
+        poses.restart()
+        return True
     if frozen or found is not None:
         after = None if found is None else found.before_ns
         poses.break_last(Bracket.FROZEN if frozen else Bracket.JUMP, after)
+    return False

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Period of the scan stamps, missing scans, and the time that scans have waited."""
+"""Period of scan stamps, missing scans, clocks set back, and the time that scans have waited."""
 
 from collections import deque
 from statistics import median
@@ -25,6 +25,30 @@ MOST_ASLEEP = 0.5
 Longest time between two calls that counts in full, as a share of the longest wait.
 Source: derived: at least two calls, with all that came in between them, before a scan is dropped.
 """
+
+RESTART_AFTER = 10
+"""
+Consecutive stamps, ascending but earlier than those before, that show a clock set back.
+Source: judgement; not measured.
+"""
+
+
+class SetBack:
+    """Tells messages that come late or twice from a clock that was set back."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Note a stamp that is not earlier than those before."""
+        self._last = self.count = 0
+        """Earlier stamps in a row, ascending."""
+
+    def add(self, stamp_ns: int) -> bool:
+        """Note an earlier stamp [ns]; return whether the clock was set back."""
+        self.count = self.count + 1 if stamp_ns > self._last else 1
+        self._last = stamp_ns
+        return self.count >= RESTART_AFTER
 
 
 class WaitClock:

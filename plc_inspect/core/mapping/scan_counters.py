@@ -28,6 +28,8 @@ class DropReason(enum.Enum):
     WRONG_FRAME = 'another frame than the scans before'
     OTHER_LAYOUT = 'x, y, z in another order than before'
     OVERLAP = 'of the same time as another: two drivers on one topic?'
+    DISPROVED = 'disproved by scans after it: is its stamp wrong, or a second driver there?'
+    SET_BACK = 'earlier than all before: was the clock set back?'
     OTHER_DRIVER = 'of a second driver on the topic'
     OTHER_MOUNT = 'before the mount of the map that goes on was known'
     OUT_OF_MAP = 'points too far away for the map'

@@ -1,10 +1,12 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Refuses scans of another frame or layout, or of the same time as an earlier one."""
+"""Refuses scans of another frame or layout, of the same time as an earlier one, or from before."""
 
 from collections import deque
+from collections.abc import Sequence
 
+from plc_inspect.core.mapping.scan_clock import SetBack
 from plc_inspect.core.mapping.scan_counters import DropReason
 
 REMEMBERED = 16
@@ -33,9 +35,14 @@ CONFLICT_NS = 10_000_000_000
 Time after such an overlap during which scans must keep to the period [ns].
 Source: judgement; not measured.
 """
+LEAST_LATER = 2
+"""
+Scans that come after another one but are from before it, which show that its stamp is wrong.
+Source: derived: where two come in the wrong order it is one.
+"""
 MOST_PHASE = 0.05
 """
-Greatest deviation from a whole number of periods during that time, in periods.
+Greatest deviation from a whole number of periods of scans in one rhythm, in periods.
 Source: judgement; not measured.
 """
 
@@ -45,20 +52,28 @@ class ScanGate:
     Decides which scans are accepted, by those accepted before.
 
     One sensor measures one scan at a time.  If two scans overlap in time, a second driver is on
-    the topic, a message came twice, or the stamps are wrong; the first to arrive is kept.  For a
-    while after many such conflicts, scans off its rhythm are refused too, so that the other driver
-    does not take over when a scan of the first is lost.
+    the topic, a message came twice, or the stamps are wrong; the first to arrive is kept, unless
+    the other alone is in the rhythm of most before.  For a while after many such conflicts, scans
+    off that rhythm are refused too, so that the other driver does not take over when a scan of the
+    first is lost.
+
+    A scan from before all REMEMBERED may show that the clocks were set back, and the poses of its
+    time be those from before: it is refused, until many show it, or the odometry does.
     """
 
     def __init__(self) -> None:
         self._frame_id = self._layout = ''
+        self._set_back = SetBack()
         self.forget_times()
 
     def forget_times(self) -> None:
         """Accept scans of any time next, as after time went back."""
         self._taken: deque[tuple[int, int, int]] = deque(maxlen=REMEMBERED)
         self._judged: deque[tuple[int, bool]] = deque(maxlen=REMEMBERED)
+        self._disproved: deque[int] = deque(maxlen=REMEMBERED)
+        """Stamps of scans that were accepted, and would not be now [ns]."""
         self._conflict: int | None = None
+        self._set_back.clear()
 
     def judge(
         self, frame_id: str, layout: str, stamp_ns: int, times: tuple[int, int],
@@ -91,24 +106,64 @@ class ScanGate:
             return DropReason.OTHER_LAYOUT
         if any(stamp_ns == stamp for stamp, _ in self._judged):
             return DropReason.OVERLAP  # the same message again
-        overlaps = any(_overlap((stamp_ns, *times), other) for other in self._taken)
-        self._judged.append((stamp_ns, overlaps))
-        if overlaps:
-            if sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS:
-                self._conflict = stamp_ns
+        if len(self._taken) == REMEMBERED and stamp_ns < min(self._taken)[0]:
+            if not self._set_back.add(stamp_ns):
+                return DropReason.SET_BACK
+            self.forget_times()
+        self._set_back.clear()
+        rivals = [item for item in self._taken if _overlap((stamp_ns, *times), item)]
+        self._judged.append((stamp_ns, bool(rivals)))
+        if rivals and sum(overlap for _, overlap in self._judged) >= LEAST_CONFLICTS:
+            self._conflict = stamp_ns
+        if not (
+            self._is_right(stamp_ns, rivals, period) if rivals
+            else self._is_in_rhythm(stamp_ns, period)
+        ):
             return DropReason.OVERLAP
-        if self._is_off_rhythm(stamp_ns, period):
-            return DropReason.OVERLAP
+        self._disprove(rivals)
         self._taken.append((stamp_ns, *times))
+        self._disprove([
+            item for number, item in enumerate(self._taken)
+            if sum(later < item for later in list(self._taken)[number + 1 :]) >= LEAST_LATER
+        ])
         return None
 
-    def _is_off_rhythm(self, stamp_ns: int, period: float | None) -> bool:
+    def is_disproved(self, stamp_ns: int) -> bool:
+        """Tell whether scans that came after an accepted one show that its stamp [ns] is wrong."""
+        return stamp_ns in self._disproved
+
+    def _disprove(self, scans: Sequence[tuple[int, int, int]]) -> None:
+        for item in scans:
+            self._taken.remove(item)
+            self._disproved.append(item[0])
+
+    def _is_right(
+        self, stamp_ns: int, rivals: Sequence[tuple[int, int, int]], period: float | None
+    ) -> bool:
+        """Tell whether a scan keeps to the rhythm of most others, and those of its time do not."""
+        others = [item[0] for item in self._taken if item not in rivals]
+        if period is None or len(others) < LEAST_CONFLICTS:
+            return False
+
+        def keeps_time(stamp: int) -> bool:
+            near = sum(_is_in_phase(stamp - other, period) for other in others)
+            return 2 * near > len(others)
+
+        return keeps_time(stamp_ns) and not any(keeps_time(item[0]) for item in rivals)
+
+    def _is_in_rhythm(self, stamp_ns: int, period: float | None) -> bool:
+        """Tell whether a scan keeps to the rhythm, where a second driver makes it necessary."""
         if self._conflict is None or period is None or not self._taken:
-            return False
+            return True
         if abs(stamp_ns - self._conflict) > CONFLICT_NS:
-            return False
-        steps = (stamp_ns - self._taken[-1][0]) * 1e-9 / period
-        return abs(steps - round(steps)) > MOST_PHASE
+            return True
+        return _is_in_phase(stamp_ns - self._taken[-1][0], period)
+
+
+def _is_in_phase(step_ns: int, period: float) -> bool:
+    """Tell whether a time is a whole number of periods [s]."""
+    steps = step_ns * 1e-9 / period
+    return abs(steps - round(steps)) <= MOST_PHASE
 
 
 def _overlap(scan: tuple[int, int, int], other: tuple[int, int, int]) -> bool:

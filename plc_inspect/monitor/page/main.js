@@ -13,6 +13,7 @@ import {Tables} from './tables.js';
 const FROZEN = 3000;
 const $ = id => document.getElementById(id);
 const asked = new URLSearchParams(location.search).get('vehicle');
+const known = JSON.parse($('known').textContent); // vehicles when the page was opened
 let me = {vehicle: asked ?? '', acknowledges: false};
 let state = null, heard = 0;
 let ahead = 0; // of the monitor's clock, by which all times are told, over that of this device [s]
@@ -196,7 +197,8 @@ setInterval(() => {
   document.body.classList.add('old');
   $('instruments').classList.add('aged');
   showState('critical', heard ? `FROZEN for ${Math.round(silence / 1000)} s: the monitor no longer updates this page, all of it is old`
-    : 'connecting to the monitor', alarms);
+    : asked && !known.includes(asked) ? `no vehicle ${asked} is known: ${known.join(', ') || 'none'} when this page was opened`
+      : 'connecting to the monitor', alarms);
 }, 500);
 
 function setTheme(theme) {

@@ -95,6 +95,7 @@ class Site:
             'index.html', nonce=VISIT.get().nonce, looks=LOOKS.values(),
             ramp=RAMP, near=NEAR, far=FAR,
             table={name: dataclasses.asdict(look) for name, look in LOOKS.items()},
+            known=sorted(self._hubs),
         )
         return web.Response(text=text, content_type='text/html')
 

@@ -346,6 +346,39 @@ def test_reset_after_a_jump_back_in_time(keep_map):
     assert counters.num_scans_inserted == 2
 
 
+@pytest.mark.parametrize('back_ms', [40, 60, 90, 300, 700, 3000])
+@pytest.mark.parametrize('waiting', [False, True])
+def test_no_scan_is_placed_by_poses_from_before_clocks_were_set_back(back_ms, waiting):
+    accumulator = make_accumulator()
+    for ms in range(0, 8001, 10):
+        back = back_ms if ms >= 5000 else 0
+        x, stamp = SPEED * ms * 1e-3, START + (ms - back) * MS
+        accumulator.add_pose(stamp, (x, 0, 0), UPRIGHT, now=ms * 1e-3)
+        if ms % 100 == 90 * waiting:  # seen just after this pose, at a y that tells when
+            target = look_at([[x, ms * 1e-2, 0.0]], [ms * 1e-3])
+            accumulator.add_scan(stamp + 5 * MS, target, np.array([-0.004]), now=ms * 1e-3)
+    seen = accumulator.map.centroids()
+    assert len(seen) > 70
+    np.testing.assert_allclose(seen[:, 0], SPEED * seen[:, 1] * 0.1, atol=0.03)
+
+
+def test_a_scan_stamped_too_late_is_refused_and_no_other():
+    accumulator = make_accumulator()
+    for ms in range(0, 5001, 10):
+        x = SPEED * ms * 1e-3
+        accumulator.add_pose(START + ms * MS, (x, 0, 0), UPRIGHT, now=ms * 1e-3)
+        if ms % 100 == 90:
+            target = look_at([[x, ms * 1e-2, 0.0]], [ms * 1e-3])
+            late = 530 if ms == 2090 else 0
+            accumulator.add_scan(
+                START + (ms + 5 + late) * MS, target, np.array([-0.004]), now=ms * 1e-3
+            )
+    seen = accumulator.map.centroids()
+    np.testing.assert_allclose(seen[:, 0], SPEED * seen[:, 1] * 0.1, atol=0.03)
+    assert len(seen) == 48  # the last one waits
+    assert accumulator.counters().scans_dropped == {DropReason.DISPROVED.value: 1}
+
+
 def test_every_scan_is_accounted_for():
     rng = np.random.default_rng(0)
     accumulator = make_accumulator()

@@ -96,6 +96,17 @@ def test_where_no_ground_is_in_view_wires_below_are_told_of():
     assert len(find(entry, reach=4.0, ground=False)) == 0
 
 
+def test_many_returns_of_wires_are_kept_where_no_ground_is_in_view():
+    entry = MapEntry(MapSettings())
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        wires = rng.uniform((-25.0, -4.0, 4.0), (25.0, 4.0, 4.2), (3 * MOST_KEPT, 3))
+        enter(entry, wires)
+    found = find(entry, ground=False)
+    assert len(found) > MOST_KEPT // 2
+    assert np.linalg.norm(found - PLACE, axis=1).min() == pytest.approx(5.8, abs=0.1)
+
+
 def test_returns_are_kept_for_a_while_and_not_beyond_the_map(entry):
     enter(entry, WIRE, WIRE)
     assert len(find(entry)) == 2 * len(WIRE)

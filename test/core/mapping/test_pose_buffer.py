@@ -11,8 +11,8 @@ from plc_inspect.core.mapping.pose_buffer import (
     bracket_stamps,
     PoseBuffer,
     PoseStatus,
-    RESTART_AFTER,
 )
+from plc_inspect.core.mapping.scan_clock import RESTART_AFTER
 from plc_inspect.errors import DataError
 
 MS = 1_000_000

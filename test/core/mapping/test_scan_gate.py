@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
+from plc_inspect.core.mapping.scan_clock import RESTART_AFTER
 from plc_inspect.core.mapping.scan_counters import DropReason
-from plc_inspect.core.mapping.scan_gate import ScanGate
+from plc_inspect.core.mapping.scan_gate import LEAST_CONFLICTS, REMEMBERED, ScanGate
 
 MS = 1_000_000
 
@@ -44,6 +45,27 @@ def test_scans_out_of_order_pass():
     assert [judge(gate, stamp) for stamp in (100, 300, 200, 500, 400)] == [None] * 5
 
 
+def test_scans_that_come_later_from_before_disprove_a_stamp():
+    gate = ScanGate()
+    assert judge(gate, 610) is None  # should be 100
+    assert judge(gate, 200) is None
+    assert not gate.is_disproved(610 * MS)  # the two may have come in the wrong order
+    assert [judge(gate, stamp) for stamp in range(300, 900, 100)] == [None] * 6
+    assert gate.is_disproved(610 * MS)
+    assert not gate.is_disproved(500 * MS)
+    assert not gate.is_disproved(123 * MS)
+
+
+def test_scans_from_before_all_others_pass_once_many_show_a_clock_set_back():
+    gate = ScanGate()
+    for number in range(REMEMBERED):
+        assert judge(gate, 5000 + 100 * number) is None
+    assert judge(gate, 2000) is DropReason.SET_BACK  # one stamp that is wrong
+    assert judge(gate, 6600) is None
+    back = [judge(gate, 2000 + 100 * number) for number in range(RESTART_AFTER + 2)]
+    assert back == [*[DropReason.SET_BACK] * (RESTART_AFTER - 1), None, None, None]
+
+
 @pytest.mark.parametrize('phase', [3, 30, 50, 75])
 def test_second_driver_never_takes_over(phase):
     gate = ScanGate()
@@ -64,11 +86,24 @@ def test_repeated_scans_are_refused(duration):
     assert judged == [None, DropReason.OVERLAP] * 10
 
 
-@pytest.mark.parametrize(('late', 'lost'), [(15, 0), (21, 1), (50, 1), (90, 1)])
-def test_one_late_stamp_costs_one_scan(late, lost):
+@pytest.mark.parametrize('phase', [80, 85, 90])
+def test_second_driver_that_overlaps_little_does_not_take_over(phase):
+    gate = ScanGate()
+    taken = {'first': 0, 'second': 0}
+    for number in range(100):
+        taken['first'] += judge(gate, 100 * number) is None
+        if 10 <= number < 50:
+            taken['second'] += judge(gate, 100 * number + phase) is None
+    assert taken == {'first': 100, 'second': LEAST_CONFLICTS}
+    assert gate.is_disproved((1000 + phase) * MS)
+
+
+@pytest.mark.parametrize('late', [15, 21, 50, 90])
+def test_one_late_stamp_costs_no_other_scan(late):
     gate = ScanGate()
     judged = [judge(gate, 100 * number + late * (number == 20)) for number in range(100)]
-    assert judged.count(DropReason.OVERLAP) == lost
+    assert judged == [None] * 100
+    assert gate.is_disproved((2000 + late) * MS) == (late > 20)
 
 
 @pytest.mark.parametrize('times', [1, 2])

@@ -357,6 +357,22 @@ def test_a_page_keeps_its_vehicle_when_it_connects_again(browse):
         assert chrome.run(f'{HAZARDS}.length') == 5
 
 
+def test_a_page_of_a_vehicle_that_is_not_there_says_so_until_it_comes(browse):
+    def show(page, vehicle):
+        monitor = Monitor()
+        monitor.take_summary(
+            Source().summary(1.0, keyframe=True, tables=make_rows(6, 4)), time.monotonic()
+        )
+        page.show(vehicle, monitor.look(time.monotonic()), monitor.cloud)
+
+    with Page('127.0.0.1', 0) as page:
+        show(page, '/uav1')
+        chrome = browse(f'{page.address}?vehicle=/uav7')
+        chrome.wait(f"{STATE} == 'no vehicle /uav7 is known: /uav1 when this page was opened'")
+        show(page, '/uav7')
+        chrome.wait(f'{HAZARDS}.length == 4')
+
+
 def test_an_alarm_of_a_monitor_from_before_is_not_acknowledged_on_another(browse):
     def show(page, first):
         monitor, tables = Monitor(), make_rows(6, 1)
