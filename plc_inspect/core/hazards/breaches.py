@@ -10,7 +10,7 @@ import numpy as np
 
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64, Severity
 
 LEAST_DISTANCE = 1e-9
 """
@@ -139,6 +139,14 @@ def choose_limits(
         worse &= places[item.where] & (value < item.reach)
         which[worse], worst[worse], least[worse] = number, severity[worse], share[worse]
     return which, worst, least
+
+
+def judge_value(value: float, limits: Sequence[Limit]) -> tuple[Limit, Severity] | None:
+    """Return the limit that a value [m] breaks most, as `choose_limits`, and how severely."""
+    broken = [(item, severity) for item in limits if (severity := item.judge(value)) is not None]
+    return min(broken, default=None, key=lambda one: (
+        -one[1], value / max(one[0].distance, LEAST_DISTANCE)
+    ))
 
 
 def _measure_aside(
