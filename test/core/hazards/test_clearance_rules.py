@@ -274,6 +274,12 @@ def test_every_shipped_rule_set_names_itself_and_its_source():
     (make(limits=[{'feature': 'ground', 'distance': True}]), 'must be a number'),
     (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': [9, 3]}]), 'kv from 9 to 3'),
     (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': [9]}]), 'one voltage or'),
+    (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': ['10', '35']}]), "got '10'"),
+    (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': [1, None]}]), 'got None'),
+    (make(limits=[{'feature': 'ground', 'distance': 10**400}]), 'must be a number'),
+    (make(unit=['ft']), 'unit must be m or ft'),
+    (make(limits=[{'feature': 'ground', 'distance': [2, 1]}], elevations=[900, 300]),
+     'elevations must ascend'),
     (make(limits=[{'feature': 'ground', 'distance': [1, 2]}]), '2 distances need as many'),
     (make(limits=[{'feature': 'water', 'distance': 1}]), 'no limit that points can be held'),
     (make(tiers={'awful': 1.0}), "tier must be one of notice, warning, critical, got 'awful'"),
@@ -290,7 +296,7 @@ def test_every_shipped_rule_set_names_itself_and_its_source():
 ])
 def test_bad_rule_sets_say_what_is_wrong(content, message):
     with pytest.raises(ConfigError, match=message):
-        parse_rules(content, HazardSettings(voltage=20.0))
+        parse_rules(content, HazardSettings(voltage=20.0, elevation=100.0))
 
 
 def test_tiers_multiply_the_distance_and_a_limit_may_have_its_own():
