@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plc_inspect.core.hazards.clearance_rules import Limit
+from plc_inspect.core.hazards.clearance_rules import HIGHEST, Limit
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, Int64, Severity
 
@@ -158,7 +158,7 @@ def _measure_aside(
         ends = np.stack((model.span.start[:2], model.span.end[:2]))
         low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
         mine = np.flatnonzero(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
-        _, horizontal, _ = model.part(points[mine])
-        nearer = horizontal < least[mine]
+        _, horizontal, vertical = model.part(points[mine])
+        nearer = (horizontal < least[mine]) & (vertical <= HIGHEST)
         least[mine[nearer]], owner[mine[nearer]] = horizontal[nearer], number
     return least, owner

@@ -227,6 +227,19 @@ def test_what_is_near_horizontally_is_found_however_far_below(aside, severity, r
         assert item.clearance > 5.0
 
 
+@pytest.mark.parametrize(('height', 'is_found'), [(30.0, True), (50.0, False)])
+def test_a_line_far_above_is_not_near_horizontally(height, is_found):
+    tree = make_tree(30.0, 12.0, 6.0, radius=1.0)
+    models = [make_model((0, 0, 8), (60, 0, 8), 0, 0, c=2000.0),
+              make_model((30, -60, height), (30, 60, height), 1, 1, c=6000.0)]
+    settings = HazardSettings(voltage=20.0)
+    found = find_hazards(
+        tree, None, find_nearby(tree, models, 30.0), make_span_result(models, len(tree)),
+        settings, parse_rules(read('sweden'), settings),
+    ).hazards
+    assert [item.line_id for item in found] == [1] * is_found
+
+
 def test_czech_annex_tells_under_from_beside_and_leaves_roads_out():
     rules = parse_rules(read('en50423_cz'), HazardSettings())
     assert {limit.where: limit.distance for limit in rules.find('vegetation')} == {
