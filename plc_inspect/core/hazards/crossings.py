@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.hazards.blur import is_blurred
 from plc_inspect.core.hazards.breaches import judge_value
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard
@@ -118,7 +119,7 @@ def find_crossings(
                 clearance=clearance,
                 horizontal=math.dist(above[:2], below[:2]),
                 vertical=float(above[2] - below[2]),
-                sigma=math.hypot(upper.sigma(x), lower.sigma(other_x)),
+                sigma=math.hypot(_find_sigma(upper, x), _find_sigma(lower, other_x)),
                 num_points=0,
                 offending=below[None],
                 other_line_id=lower.span.line_id,
@@ -169,12 +170,17 @@ def _cross_wires(
                 clearance=clearance,
                 horizontal=math.hypot(*away[best, :2]),
                 vertical=float(away[best, 2]),
-                sigma=math.hypot(model.sigma(x), wire.fit.rmse),
+                sigma=math.hypot(_find_sigma(model, x), wire.fit.rmse),
                 num_points=0,
                 offending=position[None],
                 note=WIRE_NOTE,
             ))
     return result
+
+
+def _find_sigma(model: SpanModel, x: float) -> float:
+    """Return the standard deviation of the place of a conductor [m]; blurred, it is not sure."""
+    return model.sigma(x) if is_blurred(model) else model.place_sigma(x)
 
 
 def find_ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:

@@ -288,6 +288,19 @@ def test_crossing_lines(gap, is_found):
         assert item.position == pytest.approx([50.0, 0.0, z - gap], abs=0.1)
 
 
+def test_the_distance_of_curves_is_surer_than_that_of_a_point():
+    found = []
+    for seed in range(30):
+        upper = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), seed=seed)
+        lower = hang(1, 5, (50, -15, HEIGHT - 3.0), (50, 15, HEIGHT - 3.0), seed=100 + seed)
+        true = (HEIGHT - 100.0**2 / 6400.0) - (HEIGHT - 3.0 - 30.0**2 / 6400.0)
+        (item,) = search(np.zeros((0, 3)), [upper, lower])
+        found.append((item.clearance - true, item.sigma))
+    errors, sigma = np.array(found).T
+    assert (np.abs(errors) <= 1.96 * sigma).mean() > 0.9
+    assert sigma.max() < 0.02  # one point scatters by as much
+
+
 def test_a_crossing_that_is_not_sure_enough_hides_no_other():
     sure = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
     z = height_at(sure, 50.0)
