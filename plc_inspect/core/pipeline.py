@@ -22,11 +22,10 @@ from plc_inspect.core.hazards.hazards import (
     find_hazards,
     HazardResult,
 )
-from plc_inspect.core.hazards.line_parts import DoubtfulCurves
+from plc_inspect.core.hazards.line_parts import DoubtfulCurves, POLE_REACH
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
 from plc_inspect.core.numerics.arrays import take_rows
-from plc_inspect.core.spans.point_claims import FREE_RADIUS
 from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
@@ -140,9 +139,9 @@ class Pipeline:
         lines = find_lines(points, self.settings, log, east, whole)
         height, spans = lines.height.height, lines.spans
 
-        # Eq. 9: what is near the conductors, at least as far as a rule or a stray reaches.
+        # Eq. 9: what is near the conductors, at least as far as rules and parts of lines reach.
         least_reach = self.settings.catenary.bundle_width + max(
-            self.rules.reach('vegetation', 'building'), FREE_RADIUS
+            self.rules.reach('vegetation', 'building'), POLE_REACH
         )
         corridor = log.run(
             None,

@@ -189,7 +189,7 @@ def _mark_hazard(hazard: HazardLike, origin: Place) -> list[Mark]:
         Mark(
             namespace='hazard_texts', number=hazard.hazard_id, kind=MarkKind.TEXT,
             position=(x, y, z + TEXT_LIFT), scale=(0.0, 0.0, HAZARD_SIZE), color=TEXT_COLOR,
-            text=f'{name} {hazard.clearance:.2f} m (of {hazard.required:.2f} m),'
+            text=f'{name} {hazard.measured:.2f} m (of {hazard.required:.2f} m),'
                  f' {round(100 * hazard.confidence)} % sure',
         ),
     ]

@@ -153,9 +153,10 @@ def make_hazards(hazards: Sequence[HazardLike], origin: Place = ORIGIN) -> NDArr
     rows = np.empty(len(hazards), dtype=HAZARDS)
     for row, hazard in zip(rows, hazards, strict=True):
         row['id'], row['kind'] = hazard.hazard_id, number_kind(hazard.kind)
-        for name in ('line_id', 'span_id', 'severity', 'clearance', 'required', 'horizontal',
-                     'vertical', 'sigma', 'along_span', 'num_points', 'confidence'):
+        for name in ('line_id', 'span_id', 'severity', 'required', 'horizontal', 'vertical',
+                     'sigma', 'along_span', 'num_points', 'confidence'):
             row[name] = getattr(hazard, name)
+        row['clearance'] = hazard.measured
         _put_place(row, hazard.position, origin)
     return rows
 

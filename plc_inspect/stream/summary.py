@@ -215,9 +215,10 @@ def make_tables(
                      'num_points'):
             row[name] = getattr(hazard, name)
         _put_place(row, hazard.position)
-        for name in ('clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
+        for name in ('required', 'horizontal', 'vertical', 'sigma', 'along_span',
                      'from_support', 'height'):
             row[name] = _millimetres(getattr(hazard, name))
+        row['clearance'] = _millimetres(hazard.measured)
         row['confidence'] = round(100 * min(max(hazard.confidence, 0.0), 1.0))
     return tables
 

@@ -7,13 +7,13 @@ import json
 import numba
 import numpy as np
 import pytest
-from toys import make_line_cloud, make_tree, turn
+from toys import hang, make_line_cloud, make_tree, turn
 
-from plc_inspect.config import CorridorSettings, SegmentSettings, Settings
+from plc_inspect.config import CorridorSettings, HazardSettings, SegmentSettings, Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.stage_log import STAGES
 from plc_inspect.errors import DataError
-from plc_inspect.results import Decision, PointClass
+from plc_inspect.results import Decision, HazardKind, PointClass, Severity
 from plc_inspect.sim.random_scenes.truth import make_random
 
 ARRAYS = (
@@ -240,6 +240,20 @@ def test_a_small_corridor_hides_no_hazard(cloud, result):
         [item.clearance for item in result.hazards]
     )
     assert len(other.corridor) < len(result.corridor)
+
+
+@pytest.mark.parametrize('radius', [0.0, 1.0])
+@pytest.mark.parametrize('place', [6.0, 50.0])
+def test_rules_that_reach_less_far_than_parts_of_a_line_are_not_silent(place, radius):
+    height = hang(place, 100.0, 12.0, 12.0, 1500.0)
+    tree = make_tree(place, 0.0, height - 0.4, bottom=2.0, num=3000)
+    points, _ = make_line_cloud(height=12.0, c=1500.0, half_width=15.0, more=(tree,))
+    (hazard,) = Pipeline(Settings(
+        corridor=CorridorSettings(radius=radius),
+        hazards=HazardSettings(warning_distance=1.0, critical_distance=0.9),
+    )).run(points).hazards
+    assert (hazard.kind, hazard.severity) == (HazardKind.VEGETATION, Severity.CRITICAL)
+    assert hazard.position[0] == pytest.approx(place, abs=1.0)
 
 
 @pytest.mark.parametrize('offsets', [(-1.2, 0.0, 1.2), (-2.0, -1.0, 0.0, 1.0), (-6.0, 0.0, 6.0)])

@@ -10,7 +10,7 @@ from spans import make_hazard, make_span, sample_points
 from plc_inspect.colors import SEVERITY_COLORS
 from plc_inspect.core.live.proximity import Level, Proximity, Thing
 from plc_inspect.core.tracking.tracked_span import TrackedSpan
-from plc_inspect.messages.markers import mark_proximity
+from plc_inspect.messages.markers import list_marks, mark_proximity
 from plc_inspect.messages.rows import (
     CATENARIES,
     CORRIDOR,
@@ -109,6 +109,18 @@ def test_spans_by_hand():
     assert row['sigma_sag'] == np.float32(0.01)
     assert [row['x'], row['z']] == pytest.approx(SPANS[0].lowest[[0, 2]], rel=1e-6)
     assert (other['line_id'], other['span_id']) == (0, 7)
+
+
+def test_clearance_is_what_the_rule_limits():
+    near = make_hazard((10, 0, 5), clearance=28.87, horizontal=0.04, vertical=28.87,
+                       note='a note; measured horizontally', required=3.0)
+    _, (told,) = make_items(hazards=[near])
+    for hazard in (near, told):
+        (row,) = make_hazards([hazard])
+        assert row['clearance'] == pytest.approx(0.04, abs=1e-3)
+        assert row['vertical'] == pytest.approx(28.87, abs=1e-3)
+        (text,) = (mark.text for mark in list_marks((), (), [hazard]) if mark.text)
+        assert text.startswith('vegetation 0.04 m (of 3.00 m)')
 
 
 def test_spans_and_hazards_of_a_monitor_give_the_same_rows():

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plc_inspect.core.hazards.clearance_rules import Limit
+from plc_inspect.core.hazards.clearance_rules import HIGHEST, Limit
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64, Severity
 
 LEAST_DISTANCE = 1e-9
 """
@@ -141,6 +141,14 @@ def choose_limits(
     return which, worst, least
 
 
+def judge_value(value: float, limits: Sequence[Limit]) -> tuple[Limit, Severity] | None:
+    """Return the limit that a value [m] breaks most, as `choose_limits`, and how severely."""
+    broken = [(item, severity) for item in limits if (severity := item.judge(value)) is not None]
+    return min(broken, default=None, key=lambda one: (
+        -one[1], value / max(one[0].distance, LEAST_DISTANCE)
+    ))
+
+
 def _measure_aside(
     points: Float64, models: Sequence[SpanModel], reach: float
 ) -> tuple[Float64, Int64]:
@@ -150,7 +158,7 @@ def _measure_aside(
         ends = np.stack((model.span.start[:2], model.span.end[:2]))
         low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
         mine = np.flatnonzero(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
-        _, horizontal, _ = model.part(points[mine])
-        nearer = horizontal < least[mine]
+        _, horizontal, vertical = model.part(points[mine])
+        nearer = (horizontal < least[mine]) & (vertical <= HIGHEST)
         least[mine[nearer]], owner[mine[nearer]] = horizontal[nearer], number
     return least, owner

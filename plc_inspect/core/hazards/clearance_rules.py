@@ -44,6 +44,8 @@ SAME_VOLTAGE = 1e-6
 Relative difference up to which nominal voltages are equal.
 Source: numerical: rounding of decimal figures.
 """
+GREATEST = 1e9
+"""Greatest number of a rule file.  Source: numerical: of any size, ints are no floats."""
 _UNITS = {'m': 1.0, 'ft': FOOT}
 """Units of rule files [m].  Source: derived: see FOOT."""
 _SET_KEYS = {'name', 'title', 'edition', 'source', 'note', 'unit', 'elevations', 'tiers', 'limits'}
@@ -200,7 +202,7 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
     for key in ('title', 'edition', 'source', 'limits'):
         if not content.get(key):
             raise ConfigError(f'rule set {name} has no {key}')
-    unit = _UNITS.get(content.get('unit', 'm'))
+    unit = _UNITS.get(str(content.get('unit', 'm')))
     if unit is None:
         raise ConfigError(f'rule set {name}: unit must be m or ft, got {content["unit"]!r}')
     if not isinstance(content['limits'], list):
@@ -222,10 +224,11 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
         elif kv is None:
             applied.append(limit)
         else:
+            holds = _holds(kv, settings.voltage, where)
             voltages.append(_name_range(kv))
             if settings.voltage == 0.0:
                 left_out.append(f'{title} at {_name_range(kv)}: the voltage is unknown')
-            elif _holds(kv, settings.voltage, where):
+            elif holds:
                 applied.append(limit)
             else:
                 elsewhere.append(limit.feature)
@@ -339,8 +342,11 @@ def _read_distance(
             f'{where} depends on the elevation above sea level: give hazards.elevation'
         )
     scale = _UNITS[content.get('unit', 'm')]
+    columns = [_number(limit, f'{where}: elevation') for limit in columns]
+    if columns != sorted(columns):
+        raise ConfigError(f'{where}: elevations must ascend')
     for limit, distance in zip(columns, value, strict=True):
-        if settings.elevation <= _number(limit, f'{where}: elevation') * scale:
+        if settings.elevation <= limit * scale:
             return _number(distance, f'{where}: distance')
     raise ConfigError(
         f'{where}: no distance for {settings.elevation:g} m above sea level, only up to'
@@ -378,11 +384,11 @@ def _check_keys(row: Mapping[str, Any], known: set[str], where: str) -> None:
 
 
 def _number(value: Any, where: str, *, finite: bool = True) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value < 0 or (
-        math.isnan(value) or (finite and math.isinf(value))
+    if isinstance(value, int | float) and not isinstance(value, bool) and (
+        0.0 <= value <= GREATEST or (value == math.inf and not finite)
     ):
-        raise ConfigError(f'{where} must be a number from 0, got {value!r}')
-    return float(value)
+        return float(value)
+    raise ConfigError(f'{where} must be a number from 0, got {value!r}')
 
 
 def _name_voltage(voltage: float) -> str:

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.blur import is_blurred
+from plc_inspect.core.hazards.breaches import judge_value
+from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, HazardKind, Int32, Support
@@ -62,12 +64,13 @@ def find_crossings(
     supports: Sequence[Support],
     rules: RuleSet,
     wires: Sequence[Curve] = (),
+    least_chance: float = 0.0,
 ) -> Records:
     """
     Find the places where one line crosses another too closely.
 
-    Conductors that cross at one place are one hazard, at the least distance; its position is on
-    the lower conductor.
+    Conductors that cross at one place are one hazard, at the least distance that is sure enough;
+    its position is on the lower conductor.
 
     Parameters
     ----------
@@ -79,6 +82,8 @@ def find_crossings(
         Limits that apply.
     wires : sequence of Curve
         Curves of wires that were not modelled as spans.
+    least_chance : float
+        Probability that a crossing breaks a limit, at least.
 
     Returns
     -------
@@ -89,7 +94,6 @@ def find_crossings(
     limits = rules.find('line')
     if not limits:
         return []
-    limit = limits[0]
     worst: dict[tuple[int, int], dict[str, Any]] = {}
     start, end, span_id = find_ends(models)
     for i, first in enumerate(models):
@@ -99,29 +103,34 @@ def find_crossings(
         crossed = _cross(start[i], end[i], start[:i], end[:i]) & ~beside
         for second in (models[k] for k in np.flatnonzero(crossed).tolist()):
             upper, lower, x, other_x, clearance = _approach(first, second)
-            severity = limit.judge(clearance)
-            if severity is None:
+            broken = judge_value(clearance, limits)
+            if broken is None:
                 continue
             key = (upper.span.span_id, lower.span.span_id)
             if key in worst and worst[key]['clearance'] <= clearance:
                 continue
             above = upper.curve.position(np.array(x))[0]
             below = lower.curve.position(np.array(other_x))[0]
-            worst[key] = describe_hazard(
-                upper, x, supports, rules, limit,
+            record = describe_hazard(
+                upper, x, supports, rules, broken[0],
                 kind=HazardKind.CROSSING,
-                severity=severity,
+                severity=broken[1],
                 position=below,
                 clearance=clearance,
                 horizontal=math.dist(above[:2], below[:2]),
                 vertical=float(above[2] - below[2]),
-                sigma=math.hypot(upper.sigma(x), lower.sigma(other_x)),
+                sigma=math.hypot(_find_sigma(upper, x), _find_sigma(lower, other_x)),
                 num_points=0,
                 offending=below[None],
                 other_line_id=lower.span.line_id,
             )
+            if record['chance'] >= least_chance:
+                worst[key] = record
     kept: Records = []
-    found = [*worst.values(), *_cross_wires(models, wires, supports, rules, limit)]
+    found = [*worst.values(), *(
+        item for item in _cross_wires(models, wires, supports, rules)
+        if item['chance'] >= least_chance
+    )]
     for item in sorted(found, key=lambda item: float(item['clearance'])):
         if all(math.dist(item['position'], other['position']) > ONE_PLACE for other in kept):
             kept.append(item)
@@ -130,10 +139,10 @@ def find_crossings(
 
 def _cross_wires(
     models: Sequence[SpanModel], wires: Sequence[Curve], supports: Sequence[Support],
-    rules: RuleSet, limit: Limit,
+    rules: RuleSet,
 ) -> Records:
     """Return where wires that are no spans cross conductors."""
-    result = []
+    result, limits = [], rules.find('line')
     for wire in wires:
         at = wire.position(np.linspace(
             wire.low, wire.high, max(NUM_PROBES, math.ceil(wire.length / WIRE_STEP))
@@ -147,26 +156,31 @@ def _cross_wires(
             apart = np.linalg.norm(away, axis=1)
             best = int(np.argmin(apart))
             x, clearance = float(feet[best]), float(apart[best])
-            severity = limit.judge(clearance)
+            broken = judge_value(clearance, limits)
             inside = model.low + AT_SUPPORT < x < model.high - AT_SUPPORT
-            if severity is None or not inside or best in (0, len(at) - 1):
+            if broken is None or not inside or best in (0, len(at) - 1):
                 continue
             own = model.curve.position(np.array([x]))[0]
             position = at[best] if away[best, 2] > 0 else own
             result.append(describe_hazard(
-                model, x, supports, rules, limit,
+                model, x, supports, rules, broken[0],
                 kind=HazardKind.CROSSING,
-                severity=severity,
+                severity=broken[1],
                 position=position,
                 clearance=clearance,
                 horizontal=math.hypot(*away[best, :2]),
                 vertical=float(away[best, 2]),
-                sigma=math.hypot(model.sigma(x), wire.fit.rmse),
+                sigma=math.hypot(_find_sigma(model, x), wire.fit.rmse),
                 num_points=0,
                 offending=position[None],
                 note=WIRE_NOTE,
             ))
     return result
+
+
+def _find_sigma(model: SpanModel, x: float) -> float:
+    """Return the standard deviation of the place of a conductor [m]; blurred, it is not sure."""
+    return model.sigma(x) if is_blurred(model) else model.place_sigma(x)
 
 
 def find_ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:

@@ -188,7 +188,7 @@ def find_encroachments(
             record for kind in _list_kinds(near.surface[own], share)
             if (record := _describe(
                 near.take(own), breaches[kind].take(own), models, supports, kind, rules, settings
-            )) is not None
+            )) is not None and record['chance'] >= settings.min_confidence
         ]
         if records:
             worst = max(records, key=lambda record: record['severity'])  # the first of equals

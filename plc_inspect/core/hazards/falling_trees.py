@@ -13,6 +13,7 @@ import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.hazards.breaches import judge_value
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.columns import LEAST_SLENDER, THICK
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held, ROOM
@@ -186,7 +187,6 @@ def find_falling_trees(
     limits = rules.find('fall_in')
     if not limits or not len(fallible.points) or not models:
         return []
-    limit = limits[0]
     fallible = fallible.take(~_are_wires(fallible.points))
     tree = segment_trees(fallible.points, fallible.height)
     standing = _stand(fallible.points[:, 2], fallible.height, tree)
@@ -208,7 +208,7 @@ def find_falling_trees(
         feet[found], distance.astype(np.float64), owner.astype(np.int64), models,
         FALL_REACH + TALLEST,
     )
-    near = gaps - height[top[found]] < limit.reach
+    near = gaps - height[top[found]] < max(item.reach for item in limits)
     found, gaps, owner = found[near], gaps[near], owner[near]
     sigma = np.full(len(found), TREE_SIGMA)
     if find_ground is not None and len(found):
@@ -227,10 +227,11 @@ def find_falling_trees(
     ):
         tall = float(height[top[number]])
         clearance = reach - tall
-        severity = limit.judge(clearance)
+        broken = judge_value(clearance, limits)
         solid = flat[number] > MOST_FLAT * size[number] or size[number] < settings.min_points
-        if severity is None or solid or wire[number] or lattice[number]:
+        if broken is None or solid or wire[number] or lattice[number]:
             continue
+        limit, severity = broken
         if taken.get(number, 0) >= severity:
             continue
         model, own = models[span], points[tree == number]

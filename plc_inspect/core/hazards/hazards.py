@@ -143,9 +143,10 @@ def find_hazards(
     lowest = max((limit.reach for limit in rules.find('ground')), default=0.0)
     lowest += max((wire.below for wire in low_wires), default=0.0)
     ground_below = measure_ground(points, height, models, spans.ground_below, lowest)
-    found += find_low_conductors(models, ground_below, supports, rules, low_wires)
+    sure = settings.min_confidence
+    found += find_low_conductors(models, ground_below, supports, rules, low_wires, sure)
     wires = [doubtful.every[k] for k in parts.curves]
-    found += find_crossings(models, supports, rules, wires)
+    found += find_crossings(models, supports, rules, wires, sure)
     found += find_interference(models, supports, rules, settings)
     found += find_abnormal_sag(models, supports, rules, settings)
     found = [item for item in found if item.pop('chance') >= settings.min_confidence]

@@ -172,7 +172,7 @@ def find_line_parts(
 
     """
     own, unmodelled, column = np.zeros((3, len(points)), dtype=bool)
-    near = np.flatnonzero(distance < reach + MARGIN)
+    near = np.flatnonzero(distance < max(reach, POLE_REACH) + MARGIN)  # things are seen whole
     if not len(near) or not models:
         return LineParts(own=own, unmodelled=unmodelled, column=column, num_wires=0)
     own[_find_continued(points, models)] = True

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.core.extraction.ground_planes import find_planes
+from plc_inspect.core.hazards.breaches import judge_value
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT
 from plc_inspect.core.hazards.encroachments import describe_hazard
@@ -140,6 +141,7 @@ def find_low_conductors(
     supports: Sequence[Support],
     rules: RuleSet,
     low_wires: Sequence[LowWire] = (),
+    least_chance: float = 0.0,
 ) -> Records:
     """
     Find the spans that hang too low above the ground: one hazard a span, at its lowest place.
@@ -156,6 +158,8 @@ def find_low_conductors(
         Limits that apply.
     low_wires : sequence of LowWire
         Hang below conductors, and are not modelled.
+    least_chance : float
+        Probability that what hangs low breaks a limit, at least.
 
     Returns
     -------
@@ -180,15 +184,14 @@ def find_low_conductors(
             note=BELOW,
         ) for wire in low_wires
     ]
-    for limit in limits:
-        for item in hanging:
-            if not len(item.stations):
-                continue
-            severity, span_id = limit.judge(item.clearance), item.model.span.span_id
-            known = worst.get(span_id)
-            if severity is None or (known and known['clearance'] <= item.clearance):
-                continue
-            worst[span_id] = _describe_low(item, severity, limit, supports, rules)
+    for item in hanging:
+        broken = judge_value(item.clearance, limits) if len(item.stations) else None
+        known = worst.get(item.model.span.span_id)
+        if broken is None or (known and known['clearance'] <= item.clearance):
+            continue
+        record = _describe_low(item, *broken, supports, rules)
+        if record['chance'] >= least_chance:
+            worst[item.model.span.span_id] = record
     return list(worst.values())
 
 
@@ -303,7 +306,7 @@ def keep_seen(model: SpanModel, stations: Float64) -> Float64:
 
 
 def _describe_low(
-    item: _Hanging, severity: Severity, limit: Limit, supports: Sequence[Support], rules: RuleSet
+    item: _Hanging, limit: Limit, severity: Severity, supports: Sequence[Support], rules: RuleSet
 ) -> dict[str, Any]:
     model, stations = item.model, item.stations
     along, height, ground_sigma = stations[int(np.argmin(stations[:, 1]))].tolist()

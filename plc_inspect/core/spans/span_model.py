@@ -84,8 +84,12 @@ class SpanModel:
         return self.start_x + math.copysign(1.0, self.end_x - self.start_x) * along
 
     def sigma(self, x: float) -> float:
-        """Return the standard deviation of a distance to the curve at x [m]."""
+        """Return the standard deviation of the distance of a point to the curve at x [m]."""
         return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), self.scatter)
+
+    def place_sigma(self, x: float) -> float:
+        """Return the standard deviation of the place of the curve itself at x [m]."""
+        return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), MAP_SIGMA)
 
     def strand_positions(self, x: Float64) -> Float64:
         """Return the (S, N, 3) points of its sub-conductors at the curve's x (N,) [m]."""

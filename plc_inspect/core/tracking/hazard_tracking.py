@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
 
 from plc_inspect.core.hazards.confidence import AT_END
 from plc_inspect.core.numerics.boxes import measure_box_gap
@@ -155,9 +156,10 @@ class HazardBook:
                 found.append((replace(hazard, line_id=key[0], span_id=key[1]), seen))
         raised, updated, cleared = [], [], []
         taken: set[int] = set()
-        for hazard, seen in found:
+        for (hazard, seen), number in zip(
+            found, self._match([hazard for hazard, _ in found]), strict=True
+        ):
             held = final or _is_expected(hazard, expected, holds)
-            number = self._find(hazard, taken)
             if number is None:
                 if not held:
                     continue
@@ -216,18 +218,26 @@ class HazardBook:
         self._next_provisional -= 1
         return self._next_provisional
 
-    def _find(self, hazard: Hazard, taken: Collection[int]) -> int | None:
-        best: tuple[bool, float, int] | None = None
-        for number, item in self._known.items():
-            known = item.hazard
-            if number in taken or known.kind != hazard.kind:
-                continue
-            same = (known.line_id, known.span_id) == (hazard.line_id, hazard.span_id)
-            gap = measure_box_gap(known.extent, hazard.extent)
-            if gap <= HAZARD_DISTANCE or (same and hazard.kind in _ONE_PER_SPAN):
-                rank = (not same, gap, number)
-                best = rank if best is None else min(best, rank)
-        return None if best is None else best[2]
+    def _match(self, hazards: Sequence[Hazard]) -> list[int | None]:
+        """Return which known hazard each of a tick is, each at most once, the nearest first."""
+        pairs = []
+        for place, hazard in enumerate(hazards):
+            for number, item in self._known.items():
+                known = item.hazard
+                if known.kind != hazard.kind:
+                    continue
+                same = (known.line_id, known.span_id) == (hazard.line_id, hazard.span_id)
+                gap = measure_box_gap(known.extent, hazard.extent)
+                if gap <= HAZARD_DISTANCE or (same and hazard.kind in _ONE_PER_SPAN):
+                    apart = math.dist(known.position, hazard.position)
+                    pairs.append((not same, gap, apart, number, place))
+        result: dict[int, int] = {}
+        used: set[int] = set()
+        for *_, number, place in sorted(pairs):
+            if place not in result and number not in used:
+                result[place] = number
+                used.add(number)
+        return [result.get(place) for place in range(len(hazards))]
 
 
 def carry_numbers(

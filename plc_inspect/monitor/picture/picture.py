@@ -122,6 +122,7 @@ class HazardItem:
     severity: int
     position: Place
     clearance: float
+    """What its rule measures."""
     required: float
     horizontal: float
     vertical: float
@@ -133,6 +134,11 @@ class HazardItem:
     num_points: int
     confidence: float
     """Probability that its severity is true, 0 to 1."""
+
+    @property
+    def measured(self) -> float:
+        """As of a `Hazard`: the link tells this alone."""
+        return self.clearance
 
     @property
     def severity_name(self) -> str:

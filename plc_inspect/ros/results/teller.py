@@ -49,7 +49,7 @@ def tell_hazards(
         for hazard, reason in itertools.zip_longest(hazards, reasons):
             tell(
                 f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
-                f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
+                f'{hazard.kind.name.lower()} {hazard.measured:.2f} m, '
                 f'line {hazard.line_id} span {hazard.span_id}'
                 + (f'; {reason}' if reason else '')
             )

@@ -227,6 +227,19 @@ def test_what_is_near_horizontally_is_found_however_far_below(aside, severity, r
         assert item.clearance > 5.0
 
 
+@pytest.mark.parametrize(('height', 'is_found'), [(30.0, True), (50.0, False)])
+def test_a_line_far_above_is_not_near_horizontally(height, is_found):
+    tree = make_tree(30.0, 12.0, 6.0, radius=1.0)
+    models = [make_model((0, 0, 8), (60, 0, 8), 0, 0, c=2000.0),
+              make_model((30, -60, height), (30, 60, height), 1, 1, c=6000.0)]
+    settings = HazardSettings(voltage=20.0)
+    found = find_hazards(
+        tree, None, find_nearby(tree, models, 30.0), make_span_result(models, len(tree)),
+        settings, parse_rules(read('sweden'), settings),
+    ).hazards
+    assert [item.line_id for item in found] == [1] * is_found
+
+
 def test_czech_annex_tells_under_from_beside_and_leaves_roads_out():
     rules = parse_rules(read('en50423_cz'), HazardSettings())
     assert {limit.where: limit.distance for limit in rules.find('vegetation')} == {
@@ -274,6 +287,12 @@ def test_every_shipped_rule_set_names_itself_and_its_source():
     (make(limits=[{'feature': 'ground', 'distance': True}]), 'must be a number'),
     (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': [9, 3]}]), 'kv from 9 to 3'),
     (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': [9]}]), 'one voltage or'),
+    (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': ['10', '35']}]), "got '10'"),
+    (make(limits=[{'feature': 'ground', 'distance': 1, 'kv': [1, None]}]), 'got None'),
+    (make(limits=[{'feature': 'ground', 'distance': 10**400}]), 'must be a number'),
+    (make(unit=['ft']), 'unit must be m or ft'),
+    (make(limits=[{'feature': 'ground', 'distance': [2, 1]}], elevations=[900, 300]),
+     'elevations must ascend'),
     (make(limits=[{'feature': 'ground', 'distance': [1, 2]}]), '2 distances need as many'),
     (make(limits=[{'feature': 'water', 'distance': 1}]), 'no limit that points can be held'),
     (make(tiers={'awful': 1.0}), "tier must be one of notice, warning, critical, got 'awful'"),
@@ -290,7 +309,7 @@ def test_every_shipped_rule_set_names_itself_and_its_source():
 ])
 def test_bad_rule_sets_say_what_is_wrong(content, message):
     with pytest.raises(ConfigError, match=message):
-        parse_rules(content, HazardSettings(voltage=20.0))
+        parse_rules(content, HazardSettings(voltage=20.0, elevation=100.0))
 
 
 def test_tiers_multiply_the_distance_and_a_limit_may_have_its_own():

@@ -288,6 +288,51 @@ def test_crossing_lines(gap, is_found):
         assert item.position == pytest.approx([50.0, 0.0, z - gap], abs=0.1)
 
 
+def test_the_distance_of_curves_is_surer_than_that_of_a_point():
+    found = []
+    for seed in range(30):
+        upper = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), seed=seed)
+        lower = hang(1, 5, (50, -15, HEIGHT - 3.0), (50, 15, HEIGHT - 3.0), seed=100 + seed)
+        true = (HEIGHT - 100.0**2 / 6400.0) - (HEIGHT - 3.0 - 30.0**2 / 6400.0)
+        (item,) = search(np.zeros((0, 3)), [upper, lower])
+        found.append((item.clearance - true, item.sigma))
+    errors, sigma = np.array(found).T
+    assert (np.abs(errors) <= 1.96 * sigma).mean() > 0.9
+    assert sigma.max() < 0.02  # one point scatters by as much
+
+
+def test_a_crossing_that_is_not_sure_enough_hides_no_other():
+    sure = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
+    z = height_at(sure, 50.0)
+    lower = hang(2, 5, (50, -15, z - 1.7), (50, 15, z - 1.7), c=4000.0)
+    unsure = hang(1, 0, (0, 0.5, z - 0.3), (54, 0.5, z - 0.3), c=4000.0)
+    unsure = dataclasses.replace(
+        unsure, span=dataclasses.replace(unsure.span, open_end=True))
+    for least, line in ((0.2, 1), (0.6, 0)):
+        found = search(np.zeros((0, 3)), [sure, unsure, lower],
+                       HazardSettings(min_confidence=least))
+        assert [item.line_id for item in found if item.kind == HazardKind.CROSSING] == [line]
+
+
+@pytest.mark.parametrize('turned', [False, True])
+def test_of_several_limits_the_most_severe_counts(turned):
+    limits = [{'feature': feature, 'distance': 6.0, 'tiers': tiers}
+              for feature in ('line', 'ground', 'fall_in')
+              for tiers in ({'notice': 1.0}, {'critical': 0.9})]
+    rules = parse_rules({'name': 'own', 'title': 'own', 'edition': '1', 'source': 'a letter',
+                         'limits': limits[::-1] if turned else limits}, HazardSettings())
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    found = search(tree_beside(models[0], 40.0, 5.0), models, rules=rules)
+    z = height_at(models[0], 50.0)
+    lower = hang(1, 5, (50, -15, z - 1.5), (50, 15, z - 1.5), c=4000.0)
+    found += search(np.zeros((0, 3)), [*models, lower], rules=rules)
+    ground = [np.array([[10.0, 9.0, 0.05], [50.0, 4.0, 0.05], [90.0, 9.0, 0.05]])]
+    (low,) = find_low_conductors(models, ground, (), rules)
+    severity = {item.kind: item.severity for item in found} | {low['kind']: low['severity']}
+    assert severity == dict.fromkeys(
+        (HazardKind.FALL_IN, HazardKind.CROSSING, HazardKind.GROUND), Severity.CRITICAL)
+
+
 def test_spans_that_meet_at_a_support_do_not_cross():
     first = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
     second = hang(0, 1, (99.0, -0.4, HEIGHT), (180, 30, HEIGHT))

@@ -220,6 +220,16 @@ def test_a_wire_below_that_was_not_modelled_is_what_hangs_too_low():
     assert found['position'][2] == pytest.approx(3.5, abs=0.01)
 
 
+def test_a_wire_that_is_not_sure_enough_hides_no_conductor():
+    model, points = make_low_wire(1.5)
+    ground = measure(model, lambda along: 5.0 + 0.0 * along)
+    wires = find_low_wires([points], [model])
+    (found,) = find_low_conductors([model], [ground], (), RULES, wires, least_chance=0.6)
+    assert found['clearance'] == pytest.approx(ground[:, 1].min())
+    assert found['note'] == ''
+    assert found['chance'] > 0.9
+
+
 def test_fences_and_what_hangs_beside_or_above_are_no_wires_below():
     model, fence = make_low_wire(3.0, sags=False)
     assert find_low_wires([fence], [model]) == []

@@ -97,6 +97,19 @@ def test_worse_at_once_better_only_in_the_end():
     assert book.hazards[0].hazard_id == 0
 
 
+@pytest.mark.parametrize('apart', [0.5, 2.5])
+def test_a_hazard_that_comes_into_view_takes_no_number_of_the_next(apart):
+    """The boxes are 1 m wide: these overlap, or are near each other."""
+    book = HazardBook()
+    known = make_hazard((20, 0, 5), severity=Severity.CRITICAL, clearance=1.0)
+    raise_hazard(book, known)
+    new = make_hazard((20 - apart, 0, 5))
+    for _ in range(CONFIRMATIONS):
+        news = tick(book, new, known)  # in order along the span, which is flown backwards
+        assert (book.hazards[0].clearance, book.hazards[0].severity) == (1.0, Severity.CRITICAL)
+    assert [(item.hazard_id, item.clearance) for item in news.raised] == [(1, 3.0)]
+
+
 def test_the_rest_of_a_tree_does_not_replace_what_was_nearest():
     book = HazardBook()
     near = dataclasses.replace(make_hazard((10, 0, 5)), clearance=1.4)
