@@ -106,7 +106,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     Returns
     -------
     int
-        Spans found: six with the default settings, twelve with ``rare``.
+        Spans found: six with the default settings, ten with ``rare``.
 
     """
     settings = replace(settings, hazards=replace(settings.hazards, rules=PLAIN))

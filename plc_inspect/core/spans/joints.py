@@ -41,7 +41,8 @@ Source: judgement; holds from 0.25 to 1 on bench/constants.py.
 """
 MIN_RISE = 0.008
 """
-Least kink at a support: half the lengths of both spans over c is more [-].
+Least kink at a support: half the lengths of both spans over c is more [-].  What passes a support
+and lacks more of the kink that it would have there, on top of its uncertainty, hangs elsewhere.
 Source: judgement; holds from 0.004 to 0.016 on bench/constants.py.
 """
 MIN_TURN = 0.012
@@ -87,7 +88,8 @@ Source: derived: 0.3 % of normal errors lie beyond.
 """
 TURN_SIGMAS = 4.0
 """
-Standard deviations by which a turn or a kink upwards is more than MIN_TURN.
+Standard deviations by which a turn or a kink upwards is more than MIN_TURN, and by which the kink
+that something lacks is more than MIN_RISE.
 Source: derived: that of the kinks at which a track is cut, `catenary/breaks.py`.
 """
 
@@ -215,6 +217,39 @@ def describe_joint(
         miss=miss,
         cost=cost,
     )
+
+
+def passes_unbent(
+    points: Float64, curve: Curve, x: float, curves: Sequence[Curve], joints: Sequence[Joint]
+) -> bool:
+    """
+    Tell whether a curve that passes a support at x is surely bent less than if it hung there.
+
+    The bend of a conductor of that support is known.  In the same spans the curve would bend more
+    or less by half their lengths times the difference of the curvatures, and in proportion to the
+    curvatures where the spans are level: the lesser counts, as lengths may be seen in part.
+    """
+    own = float(curve.fit.shape[2])
+    bends = []
+    for joint in joints:
+        by_length, total = joint.kink, 0.0
+        for number, side, end in zip(joint.curves, joint.sides, joint.x, strict=True):
+            other = curves[number]
+            length = end - other.low if side > 0 else other.high - end
+            by_length += (own - float(other.fit.shape[2])) * length / 2
+            total += float(other.fit.shape[2])
+        bends.append(min(by_length, joint.kink * 2 * own / total))
+    # what a bend at x adds to a curve without one
+    along, _ = curve.local(points[curve.points])
+    miss = points[curve.points, 2] - curve.fit.height(along)
+    along = (along - x) / curve.length
+    columns = np.column_stack([np.ones(len(along)), along, along**2, np.minimum(along, 0.0)])
+    inverse = np.linalg.pinv(columns)
+    added = inverse @ miss
+    rest = miss - columns @ added
+    variance = float(rest @ rest) / max(len(rest) - len(added), 1) * float(inverse[3] @ inverse[3])
+    bend, sigma = float(added[3]) / curve.length, math.sqrt(variance) / curve.length
+    return bend + MIN_RISE + TURN_SIGMAS * sigma < float(np.median(bends))
 
 
 def find_meeting(

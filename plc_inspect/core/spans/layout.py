@@ -15,7 +15,7 @@ from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import TOLERANCE
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
 from plc_inspect.core.numerics.disjoint_sets import unite
-from plc_inspect.core.spans.joints import find_joints, Joint
+from plc_inspect.core.spans.joints import find_joints, Joint, passes_unbent
 from plc_inspect.core.spans.standing_poles import (
     cut_at_poles,
     cut_curve,
@@ -279,7 +279,8 @@ def cut_at_stations(
     """
     Cut curves that pass unbroken through a support at which their neighbours end.
 
-    One that ends at a support of another line than theirs runs beside that line.
+    One that ends at a support of another line than theirs runs beside that line, and so does one
+    that is not bent where it would be if it hung there.
 
     Parameters
     ----------
@@ -302,7 +303,7 @@ def cut_at_stations(
     passed, own = _list_next(len(curves), stations)
     for curve, at in zip(curves, own, strict=True):
         parts = [curve]
-        for station, beyond in zip(placed, passed, strict=True):
+        for station, beyond, group in zip(placed, passed, stations, strict=True):
             if at and beyond.isdisjoint(at.values()):
                 continue
             if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
@@ -313,6 +314,8 @@ def cut_at_stations(
                 continue
             height, z = station.attachments[:, 2], float(curve.fit.height(x))
             if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
+                continue
+            if passes_unbent(points, curve, x, curves, group):
                 continue
             parts = [
                 piece for part in parts for piece in cut_curve(points, part, station.position)

@@ -1,6 +1,8 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from toys import make_curve, make_route, make_wire
@@ -42,7 +44,10 @@ def test_a_line_that_turns_has_a_support_at_each_turn():
 def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end():
     points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
     # an earth wire so taut that both its spans were taken for one
-    earth = make_wire((0.0, 0.0, 17.0), (120.0, 0.0, 17.0), c=6000.0, seed=9)
+    earth = np.vstack([
+        make_wire((60.0 * k, 0.0, 17.0), (60.0 * k + 60.0, 0.0, 17.0), c=6000.0, seed=8 + k)
+        for k in range(2)
+    ])
     points = np.vstack([points, earth])
     passing = make_curve(points, np.arange(len(points) - len(earth), len(points)))
     layout = find_layout(points, [*curves, passing], (), SETTINGS)
@@ -77,6 +82,34 @@ def test_a_line_beside_one_with_other_supports_is_not_cut_at_them():
     layout = find_layout(points, [*curves, *moved], (), SETTINGS)
     assert len(layout.stations) == 2
     assert len(layout.curves) == 12
+
+
+def test_a_line_beside_one_is_not_cut_at_its_supports_where_they_have_one_in_common():
+    points, curves = make_route([(0, 0), (40, 0), (80, 0), (120, 0)], c=300.0)
+    more, beside = make_route([(0, 8), (80, 8), (160, 8)], height=17.0)
+    points = np.vstack([points, more])
+    moved = [
+        make_curve(points, curve.points + len(points) - len(more)) for curve in beside
+    ]
+    layout = find_layout(points, [*curves, *moved], (), SETTINGS)
+    length = layout.end_x - layout.start_x
+    above = [curve.position(curve.mean_x)[0, 1] > 4.0 for curve in layout.curves]
+    np.testing.assert_allclose(length[above], [80.0] * 6, atol=1.0)
+    np.testing.assert_allclose(length[np.invert(above)], [40.0] * 9, atol=1.0)
+
+
+def test_a_conductor_is_cut_at_a_low_support_over_which_it_alone_runs_straight():
+    heights = (15.0, 13.0, 15.0)
+    wires = [
+        make_wire((60.0 * k, y, heights[k]), (60.0 * k + 60.0, y, heights[k + 1]), 600.0, seed=k)
+        for y in (-3.0, 3.0) for k in range(2)
+    ]
+    # as its two spans are less curved, they are one curve
+    wires.append(make_wire((0.0, 0.0, 17.0), (120.0, 0.0, 17.0), 900.0, seed=9))
+    ends = np.cumsum([0, *map(len, wires)])
+    points = np.vstack(wires)
+    curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
+    assert len(find_layout(points, curves, (), SETTINGS).curves) == 6
 
 
 def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
