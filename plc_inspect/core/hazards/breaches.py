@@ -156,7 +156,8 @@ def _measure_aside(
     least, owner = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
     for number, model in enumerate(models):
         ends = np.stack((model.span.start[:2], model.span.end[:2]))
-        low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
+        room = reach + float(np.abs(model.strands[:, 0]).max())
+        low, high = ends.min(axis=0) - room, ends.max(axis=0) + room
         mine = np.flatnonzero(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
         _, horizontal, vertical = model.part(points[mine])
         nearer = (horizontal < least[mine]) & (vertical <= HIGHEST)
