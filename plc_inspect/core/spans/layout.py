@@ -29,10 +29,10 @@ PARALLEL = math.radians(15.0)
 Conductors of one span differ by less in azimuth.
 Source: judgement; holds from 7.5 to 30 degrees on bench/constants.py.
 """
-HEIGHT_ROOM = 6
+HEIGHT_ROOM = 20.0
 """
 A conductor passes a support at most this far above or below those that end there [m].
-Source: judgement; not measured.
+Source: derived: earth wire to lowest conductor of a tower with two circuits on three levels.
 """
 AHEAD_TURN = math.radians(35.0)
 """

@@ -41,11 +41,12 @@ def test_a_line_that_turns_has_a_support_at_each_turn():
     np.testing.assert_allclose(places, [[90, 0], [160, 40]], atol=0.5)
 
 
-def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end():
+@pytest.mark.parametrize('height', [17.0, 28.0])
+def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end(height):
     points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
     # an earth wire so taut that both its spans were taken for one
     earth = np.vstack([
-        make_wire((60.0 * k, 0.0, 17.0), (60.0 * k + 60.0, 0.0, 17.0), c=6000.0, seed=8 + k)
+        make_wire((60.0 * k, 0.0, height), (60.0 * k + 60.0, 0.0, height), c=6000.0, seed=8 + k)
         for k in range(2)
     ])
     points = np.vstack([points, earth])
