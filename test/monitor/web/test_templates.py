@@ -57,8 +57,8 @@ def decode(value):
 
 def draw():
     """Return the page."""
-    return render('index.html', nonce='n', looks=LOOKS.values(), table={}, ramp=('#000',), near=2,
-                  far=15)
+    return render('index.html', nonce='n', looks=LOOKS.values(), table={}, known=['/uav'],
+                  ramp=('#000',), near=2, far=15)
 
 
 def test_the_search_finds_all_modules_and_files():
