@@ -105,9 +105,10 @@ def survey(
     reading = reading or begin_reading(path, crs)
     checksum = _begin(lambda: hash_input(path))
     if path.is_file() and path.stat().st_size > LARGE:
-        _load(settings)  # of the formats, while the pipeline releases the GIL
+        _load(settings)
+        # the formats, while the pipeline releases the GIL
         Thread(target=importlib.import_module, args=(FILES,), daemon=True).start()
-    else:
+    else:  # nothing else to do meanwhile
         importlib.import_module(FILES)
     cloud = reading.result()
     num_points = len(cloud.points)
