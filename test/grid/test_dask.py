@@ -10,7 +10,7 @@ import time
 
 from grid.clusters import start_cluster
 from grid.grids import inspect, make_line, open_run, write_las
-from grid.tasks import DEADLINE, fail, fill_twice, refuse, sleep_and_tell
+from grid.tasks import DEADLINE, fail, fill_twice, refuse, sleep_and_tell, tell_of_loss
 import numpy as np
 import pytest
 
@@ -125,6 +125,14 @@ def test_a_worker_keeps_freed_memory_for_the_next_arrays():
         (outcome,) = engine.run([task])
     assert 'MALLOC_ARENA_MAX' not in os.environ
     assert outcome.answer['mapped'] < 1000  # of 73,000 pages
+
+
+def test_a_worker_that_ends_says_nothing(capfd):
+    with open_engine(2, None, MEMORY) as engine:
+        (outcome,) = engine.run([Task(name='loss', function=tell_of_loss, arguments=())])
+    assert outcome.answer['process'] != os.getpid()
+    assert 'DASK_LOGGING__DISTRIBUTED' not in os.environ
+    assert 'the scheduler is lost' not in capfd.readouterr().err
 
 
 def test_no_scheduler_is_one_clear_error():
