@@ -18,7 +18,6 @@ from plc_inspect.core.catenary.curve_row import (
     LOW,
     ORIGIN_X,
     ORIGIN_Y,
-    sigma_of,
     SIN,
     slope_of,
     slope_variance_of,
@@ -80,11 +79,6 @@ STRETCH_SHARE, STRETCH_ROOM = 0.7, 2.0
 """
 A curve is extrapolated by at most this share of its length and this much more [m].
 Source: judgement; not measured.
-"""
-SURE_SIGMAS = 3.0
-"""
-Standard deviations of the extrapolated curves by which they may miss each other more.
-Source: derived: 0.3 % of normal errors lie beyond.
 """
 TURN_SIGMAS = 4.0
 """
@@ -311,11 +305,7 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
             min(max_reach, STRETCH_SHARE * (first[HIGH] - first[LOW]) + STRETCH_ROOM),
             min(max_reach, STRETCH_SHARE * (second[HIGH] - second[LOW]) + STRETCH_ROOM),
         )
-        if miss > 2 * MAX_MISS:
-            continue
-        # what the extrapolation is unsure of may be missed more
-        slack = SURE_SIGMAS * max(sigma_of(first, x), sigma_of(second, other_x))
-        if miss > MAX_MISS + min(slack, MAX_MISS):
+        if miss > MAX_MISS:
             continue
         # how both curves rise to where they meet, and how far that is from their ends
         rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)

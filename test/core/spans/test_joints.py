@@ -86,6 +86,22 @@ def test_a_conductor_that_fades_out_is_extended_to_its_support():
     assert find(supports, 5.0, offsets=(0.0,), parts=((0.12, 0.88),))[2] == ()
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_doubt_about_an_extrapolation_lets_no_others_meet(seed):
+    faded = make_wire(
+        (0.0, 0.0, 15.0), (54.0, 0.0, 15.0), per_metre=2.0, noise=0.1, seed=seed,
+        parts=((0.0, 0.6),),
+    )
+    curve = make_curve(faded, tolerance=0.3)
+    along = curve.local(np.array([[54.0, 0.0, 0.0]]))[0]
+    x, y, z = curve.position(along)[0]
+    above = make_wire((x, y, z + 0.8), (120.0, 0.0, z + 0.8), seed=seed)
+    points = np.vstack([faded, above])
+    other = make_curve(points, np.arange(len(faded), len(points)))
+    assert curve.prediction_sigma(along)[0] > 0.1
+    assert find_joints([curve, other], 40.0) == ()
+
+
 def test_curves_beside_or_above_each_other_do_not_meet():
     for shift in ([0.0, 2.0, 0.0], [0.0, 0.0, 3.0]):
         wires = [
