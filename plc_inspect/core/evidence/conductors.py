@@ -151,7 +151,8 @@ def judge_curves(
     A thick curve that is no conductor may lie over several: then its parts are tried, and those
     that are conductors take its place.  Where nothing but too little evidence speaks against a
     curve, it is searched again in shorter windows; at last come conductors beside those that are
-    known.  Both change nothing of what is known.  The arguments are those of `model_conductors`.
+    known.  Of what is known both take back only what proves to be built, as stays of a crane whose
+    jib is found then.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     judge = Judge(points, index, sight, curves, settings)

@@ -178,16 +178,22 @@ class Judge:
         """
         Judge other curves with those that are believed; return those that are conductors.
 
-        With ``beside`` False, that they run beside one is no evidence.
+        What was believed without a proven sag is so no more where it proves to be part of
+        something built with them.  With ``beside`` False, that they run beside one is
+        no evidence.
         """
-        believed = self.believed
+        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts]).tolist()
         trial = Judge(
-            self._points, self._index, self._sight, [*believed, *curves], self._settings,
-            [verdict for verdict in self.verdicts if not verdict.objection],
+            self._points, self._index, self._sight,
+            [*(self.curves[number] for number in known), *curves], self._settings,
+            [self.verdicts[number] for number in known],
         )
         trial.decide(beside=beside)
+        for number, verdict in zip(known, trial.verdicts, strict=False):
+            if prove_sag(self.curves[number], self._settings) < 1.0:
+                self.verdicts[number] = verdict
         return [
-            item for item in zip(curves, trial.verdicts[len(believed):], strict=True)
+            item for item in zip(curves, trial.verdicts[len(known):], strict=True)
             if not item[1].objection
         ]
 

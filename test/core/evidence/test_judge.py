@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
@@ -175,6 +176,40 @@ def test_a_conductor_with_diverters_at_even_distances_is_kept():
 def test_a_steep_straight_bar_is_a_stay_and_a_level_one_is_not():
     assert judge([make_bar(8.0, 26.0)]) == [STAY]
     assert judge([make_bar(12.0, 12.5)]) == ['']
+
+
+@pytest.mark.parametrize(('last', 'expected'), [(14.0, STAY), (21.7, '')])
+def test_what_was_believed_is_a_stay_once_another_one_is_seen(last, expected):
+    bars = [make_bar(22.0, 18.0), make_bar(22.0, last, y=2.0 if not expected else 0.0)]
+    points = np.vstack(bars)
+    ends = np.cumsum([0, *map(len, bars)])
+    one, other = (make_curve(points, np.arange(low, high)) for low, high in pairwise(ends))
+    found = Judge(points, make_index(points), make_sight(points), [one], CatenarySettings())
+    found.decide()
+    assert found.believed == [one]
+    assert len(found.try_more([other])) == (not expected)
+    assert [verdict.objection for verdict in found.verdicts] == [expected]
+
+
+def test_a_proven_sag_is_believed_whatever_is_built_below():
+    wire = make(length=60.0, c=150.0)
+    rng = np.random.default_rng(8)
+    deck = np.column_stack([
+        rng.uniform(0.0, 60.0, 9000), rng.uniform(-0.8, 0.8, 9000), np.full(9000, 8.5)
+    ]) + rng.normal(0.0, 0.01, (9000, 3))
+    points = np.vstack([wire, deck])
+    one = make_curve(points, np.arange(len(wire)))
+    middle = np.flatnonzero(np.abs(deck[:, 1]) < 0.1) + len(wire)
+    other = make_curve(points, middle)
+    both = Judge(
+        points, make_index(points), make_sight(points), [one, other], CatenarySettings()
+    )
+    both.decide()
+    assert both.verdicts[0].objection == STAY  # the main cable of a bridge, if seen together
+    found = Judge(points, make_index(points), make_sight(points), [one], CatenarySettings())
+    found.decide()
+    assert found.try_more([other]) == []
+    assert found.believed == [one]
 
 
 def test_a_pipe_seen_from_above_is_a_bar():
