@@ -175,7 +175,7 @@ class HazardBook:
                 own = _follow(before, hazard, seen if fair else 0, final)
                 if number >= 0 and own.hazard.severity != before.hazard.severity:
                     updated.append(replace(own.hazard, hazard_id=number))
-            enough = END_CONFIRMATIONS if _is_at_end(hazard) else CONFIRMATIONS
+            enough = END_CONFIRMATIONS if _is_at_end(own.hazard) else CONFIRMATIONS
             if number < 0 and (final or own.hits >= enough):
                 number, self._next = self._next, self._next + 1
                 raised.append(replace(own.hazard, hazard_id=number))
