@@ -261,6 +261,13 @@ def test_life_of_a_support():
     assert [item.support_id for item in book.supports] == [0]
 
 
+def test_a_support_that_comes_into_view_takes_no_number_of_the_next():
+    book = SupportBook()
+    support_tick(book, make_support((0, 0, 0)))
+    support_tick(book, make_support((3, 0, 0)), make_support((0.2, 0, 0)))
+    assert [(item.support_id, item.position[0]) for item in book.supports] == [(0, 0.2), (1, 3.0)]
+
+
 def test_a_hazard_names_support_and_other_line_by_their_lasting_numbers():
     book = SupportBook()
     told = {(7, 0): (0, 0), (8, 0): (3, 0)}
