@@ -32,7 +32,7 @@ class CoarsePositions:
 
     def see(self, position: Float64) -> None:
         """Examine a position (3,) [m]."""
-        if np.abs(position).max() >= MOST_COORDINATE:
+        if not np.abs(position).max() < MOST_COORDINATE:  # NaN is no place, too
             return
         single = position.astype(np.float32)
         exact = single == position

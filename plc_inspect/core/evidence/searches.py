@@ -65,9 +65,9 @@ class Searches:
             2.0 * settings.half_length,
         )
         near = self.inliers.select(owner >= 0)
-        shorter = replace(settings, half_length=SHORTER * settings.half_length)
+        windows = replace(align(near, settings), half_length=SHORTER * settings.half_length)
         return cluster(
-            self.cloud.points, self.cloud.index_high(), near.position, align(near, shorter),
+            self.cloud.points, self.cloud.index_high(), near.position, windows,
             self.settings.clustering,
         )
 

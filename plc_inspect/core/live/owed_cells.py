@@ -46,6 +46,8 @@ class OwedCells:
         again = list(self._owed)[-MOST_RENEWED:]
         if again:
             cells.renew(cells.find(np.array(again, dtype=np.int64)))
+        # the last at first then: some are not worth a look any more, and must not bar the others
+        self._owed = {place: self._owed[place] for place in again} | self._owed
 
     def _owe(self, failed: bool) -> None:
         for place in self._looking:

@@ -46,8 +46,9 @@ class SetBack:
 
     def add(self, stamp_ns: int) -> bool:
         """Note an earlier stamp [ns]; return whether the clock was set back."""
-        self.count = self.count + 1 if stamp_ns > self._last else 1
-        self._last = stamp_ns
+        if stamp_ns != self._last:  # a message that comes again tells nothing
+            self.count = self.count + 1 if stamp_ns > self._last else 1
+            self._last = stamp_ns
         return self.count >= RESTART_AFTER
 
 

@@ -9,7 +9,12 @@ import math
 
 from plc_inspect.core.hazards.confidence import AT_END
 from plc_inspect.core.numerics.boxes import measure_box_gap
-from plc_inspect.core.tracking.support_tracking import Holds, list_lines, MAX_MISSES
+from plc_inspect.core.tracking.support_tracking import (
+    Holds,
+    list_lines,
+    MAX_MISSES,
+    take_nearest,
+)
 from plc_inspect.results import Float64, Hazard, HazardKind, SpanKey
 
 HAZARD_DISTANCE = 2.0
@@ -175,7 +180,7 @@ class HazardBook:
                 own = _follow(before, hazard, seen if fair else 0, final)
                 if number >= 0 and own.hazard.severity != before.hazard.severity:
                     updated.append(replace(own.hazard, hazard_id=number))
-            enough = END_CONFIRMATIONS if _is_at_end(hazard) else CONFIRMATIONS
+            enough = END_CONFIRMATIONS if _is_at_end(own.hazard) else CONFIRMATIONS
             if number < 0 and (final or own.hits >= enough):
                 number, self._next = self._next, self._next + 1
                 raised.append(replace(own.hazard, hazard_id=number))
@@ -231,12 +236,7 @@ class HazardBook:
                 if gap <= HAZARD_DISTANCE or (same and hazard.kind in _ONE_PER_SPAN):
                     apart = math.dist(known.position, hazard.position)
                     pairs.append((not same, gap, apart, number, place))
-        result: dict[int, int] = {}
-        used: set[int] = set()
-        for *_, number, place in sorted(pairs):
-            if place not in result and number not in used:
-                result[place] = number
-                used.add(number)
+        result = take_nearest(pairs)
         return [result.get(place) for place in range(len(hazards))]
 
 

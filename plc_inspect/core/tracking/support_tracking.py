@@ -3,8 +3,9 @@
 
 """Tracks supports over ticks, so that each keeps its number for the whole flight."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -98,11 +99,12 @@ class SupportBook:
         lines = list_lines(numbered)
         told: dict[int, int] = {}
         taken: set[int] = set()
-        for support in supports:
-            carried = {number for line in support.line_ids for number in lines.get(line, ())}
-            if not carried:
-                continue
-            found = self._find(support, taken)
+        carrying = [(support, own) for support in supports if (
+            own := {number for line in support.line_ids for number in lines.get(line, ())}
+        )]
+        known = self._match([support for support, _ in carrying])
+        for place, (support, carried) in enumerate(carrying):
+            found = known.get(place)
             if found is None:
                 number, self._next = self._next, self._next + 1
             else:
@@ -123,13 +125,30 @@ class SupportBook:
                 del self._known[number], self._misses[number]
         return told
 
-    def _find(self, support: Support, taken: Collection[int]) -> int | None:
-        apart = {
-            number: float(np.linalg.norm(known.position[:2] - support.position[:2]))
-            for number, known in self._known.items() if number not in taken
-        }
-        near = min(apart, key=lambda number: (apart[number], number), default=None)
-        return near if near is not None and apart[near] <= SUPPORT_DISTANCE else None
+    def _match(self, supports: Sequence[Support]) -> dict[int, int]:
+        """Return which known support those of a tick are, by their places in it."""
+        pairs = []
+        for place, support in enumerate(supports):
+            for number, known in self._known.items():
+                apart = float(np.linalg.norm(known.position[:2] - support.position[:2]))
+                if apart <= SUPPORT_DISTANCE:
+                    pairs.append((apart, number, place))
+        return take_nearest(pairs)
+
+
+def take_nearest(pairs: Sequence[tuple[Any, ...]]) -> dict[int, int]:
+    """
+    Return which known number each place in a tick has, the nearest first, each number once.
+
+    Pairs are one or more distances, the number and the place.
+    """
+    result: dict[int, int] = {}
+    used: set[int] = set()
+    for *_, number, place in sorted(pairs):
+        if place not in result and number not in used:
+            result[place] = number
+            used.add(number)
+    return result
 
 
 def list_lines(numbered: Mapping[SpanKey, SpanKey]) -> dict[int, set[int]]:

@@ -88,8 +88,10 @@ def _describe_reach(item: Reach, scale: float) -> Record:
 
 
 def _find_worst(outcomes: tuple[Outcome, ...]) -> Record:
-    """Return the case of least clearance of each kind."""
+    """Return the case of least clearance of each kind, None where it is not known in all."""
     worst: Record = {}
+    if any(math.isnan(item.sag) for item in outcomes):
+        outcomes = ()
     for name in ('vegetation', 'building', 'ground'):
         known = [item for item in outcomes if not math.isnan(getattr(item, name).clearance)]
         worst[name] = min(

@@ -5,6 +5,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.inspection import Inspection, Record, Units
 from plc_inspect.offline.records.load_case_record import describe_what_if
@@ -77,7 +79,8 @@ def list_what_if(inspection: Inspection) -> Record | None:
                 })
     return record | {
         'rows': rows, 'worst_sags': [
-            max(item['sag'] for item in span['outcomes']) for span in record['spans']
+            float(np.max([item['sag'] for item in span['outcomes']]))  # NaN if one is
+            for span in record['spans']
         ],
         'worst_reaches': [
             {kind: _pick(span['outcomes'], kind, span['worst'][kind])

@@ -110,7 +110,8 @@ class KeepOut:
         )
         velocity = self._motion.velocity
         fresh = entry.near.find(
-            vehicle, limits.critical, entry.map.cells, 0 if state is None else state.sequence,
+            vehicle, limits.critical, entry.map.cells,
+            0 if state is None or blurred else state.sequence,  # no tick counts
             (NOTHING if state is None else state.around).may_hold_ground(velocity),
         )
         found = self._levels.hold(

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from plc_inspect.config import Settings
+from plc_inspect.config import AlignmentSettings, Settings
 from plc_inspect.core.catenary.curve import fit_curve
 from plc_inspect.core.evidence.searches import ROOM, Searches
 from plc_inspect.core.pipeline import Pipeline
@@ -58,3 +58,11 @@ def test_only_places_about_the_curves_are_searched(distance):
     moved = lines.cloud.points + np.array([0.0, 0.0, distance])
     tracks = searches.look_again([fit_curve(moved, curve.points, tolerance=curve.tolerance)])
     assert (tracks.num_tracks > 0) == (distance < ROOM)
+
+
+def test_the_shortest_windows_that_can_be_set_are_shortened_as_others_are():
+    settings = Settings(alignment=AlignmentSettings(half_length=1.0))
+    points = make_fan(np.random.default_rng(5), 0.3, 1, 60.0, 30.0)
+    lines = Pipeline(Settings()).trace(points).lines
+    searches = Searches(cloud=lines.cloud, inliers=lines.inliers, settings=settings)
+    assert searches.look_again(lines.conductors.curves).num_tracks > 0

@@ -164,6 +164,24 @@ def test_only_some_of_what_is_owed_is_looked_at_in_one_tick():
     assert len(looked) == num
 
 
+def test_cells_that_are_not_looked_at_again_bar_no_others():
+    """Such as those below the vehicle, where nothing is high, or those that were evicted."""
+    num = MOST_RENEWED + 10
+    voxels = make_map(np.concatenate([make_block(10 * k, 0, num=20) for k in range(num)]))
+    places = voxels.cells.index
+    voxels.cells.settle(np.arange(num))
+    owed, looked = OwedCells(), set()
+    owed.begin(places)
+    owed.end(voxels.cells, in_vain=True)
+    for _ in range(3):
+        new = np.flatnonzero(voxels.cells.num_new)
+        voxels.cells.settle(new)
+        looked |= set(new.tolist())
+        owed.begin(places[:0])
+        owed.end(voxels.cells)
+    assert len(looked) == num
+
+
 def test_far_cells_wait_until_they_are_quiet():
     voxels = make_map(make_block(0, 0))
     planner = WindowPlanner(4.0)

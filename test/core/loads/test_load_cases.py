@@ -20,6 +20,7 @@ from plc_inspect.core.loads.sections import group_sections
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.files import render_json
 from plc_inspect.offline.records.load_case_record import describe_what_if
+from plc_inspect.offline.report.findings import list_what_if
 from plc_inspect.results import PointClass, Severity
 
 CONDUCTOR = Conductor(
@@ -135,6 +136,15 @@ def test_a_span_that_does_not_tell_its_tension_has_no_figures_of_cases():
     record = json.loads(render_json(describe_what_if(done, inspection.units)))
     row = next(row for row in record['spans'] if (row['line_id'], row['span_id']) == (2, 1))
     assert [item['sag'] is None for item in row['outcomes']] == [False, True, True]
+    # what is not known in the other cases is not worst as surveyed
+    assert set(row['worst'].values()) == {None}
+    told = list_what_if(dataclasses.replace(inspection, what_if=done))
+    place = record['spans'].index(row)
+    assert np.flatnonzero(np.isnan(told['worst_sags'])).tolist() == [
+        k for k, item in enumerate(record['spans'])
+        if (item['line_id'], item['span_id']) in straight
+    ]
+    assert told['worst_reaches'][place] == dict.fromkeys(('vegetation', 'building', 'ground'))
 
 
 def test_ground_that_was_not_seen_has_no_height_in_any_case():

@@ -348,12 +348,15 @@ def test_reset_after_a_jump_back_in_time(keep_map):
 
 @pytest.mark.parametrize('back_ms', [40, 60, 90, 300, 700, 3000])
 @pytest.mark.parametrize('waiting', [False, True])
-def test_no_scan_is_placed_by_poses_from_before_clocks_were_set_back(back_ms, waiting):
+@pytest.mark.parametrize('times', [1, 2])
+def test_no_scan_is_placed_by_poses_from_before_clocks_were_set_back(back_ms, waiting, times):
+    """Nor are many dropped, also where each pose is told twice."""
     accumulator = make_accumulator()
     for ms in range(0, 8001, 10):
         back = back_ms if ms >= 5000 else 0
         x, stamp = SPEED * ms * 1e-3, START + (ms - back) * MS
-        accumulator.add_pose(stamp, (x, 0, 0), UPRIGHT, now=ms * 1e-3)
+        for _ in range(times):
+            accumulator.add_pose(stamp, (x, 0, 0), UPRIGHT, now=ms * 1e-3)
         if ms % 100 == 90 * waiting:  # seen just after this pose, at a y that tells when
             target = look_at([[x, ms * 1e-2, 0.0]], [ms * 1e-3])
             accumulator.add_scan(stamp + 5 * MS, target, np.array([-0.004]), now=ms * 1e-3)

@@ -163,6 +163,9 @@ def test_utm_in_single_precision_is_doubted():
     assert 'held back' in see(rounded)
     # within 2 s of flight
     assert see(rounded[:100])
+    # whatever is refused between them
+    assert see(np.insert(rounded, 200, np.nan, axis=0))
+    assert see(np.insert(rounded, 200, np.inf, axis=0))
 
 
 @pytest.mark.parametrize('positions', [

@@ -201,6 +201,16 @@ def test_near_a_support_more_ticks_must_agree():
     assert tick(book, make_hazard((50, 0, 5), from_support=1.0), final=True).raised
 
 
+def test_a_glimpse_of_the_rest_raises_nothing_that_waits_near_a_support():
+    book = HazardBook()
+    near = make_hazard((10, 0, 5), from_support=3.0)
+    for _ in range(CONFIRMATIONS):
+        tick(book, near)
+    rest = make_hazard((11.5, 0, 5), from_support=4.5, clearance=3.5)
+    assert tick(book, rest, holds=nowhere).raised == ()
+    assert book.hazards == ()
+
+
 def test_the_final_word():
     book = HazardBook()
     raise_hazard(book, make_hazard((10, 0, 5)))
@@ -249,6 +259,13 @@ def test_life_of_a_support():
     assert len(book.supports) == 2
     support_tick(book, make_support((0, 0, 0)))
     assert [item.support_id for item in book.supports] == [0]
+
+
+def test_a_support_that_comes_into_view_takes_no_number_of_the_next():
+    book = SupportBook()
+    support_tick(book, make_support((0, 0, 0)))
+    support_tick(book, make_support((3, 0, 0)), make_support((0.2, 0, 0)))
+    assert [(item.support_id, item.position[0]) for item in book.supports] == [(0, 0.2), (1, 3.0)]
 
 
 def test_a_hazard_names_support_and_other_line_by_their_lasting_numbers():

@@ -112,9 +112,14 @@ def test_all_within_both_limits_must_be_seen(limits, level):
     assert flight.fly((0.0, 0.0, 10.0))['level'] == level
 
 
-def test_a_wire_is_an_obstacle_before_a_tick_has_looked_at_it():
+@pytest.mark.parametrize('poor', [False, True])
+def test_a_wire_is_an_obstacle_before_a_tick_has_looked_at_it(poor):
+    """Or where what ticks found does not count, as the map is not sharp."""
     flight = Flight()
-    flight.state = None
+    if poor:
+        flight.state.sharpness.poor, flight.state.sequence = True, 2
+    else:
+        flight.state = None
     assert flight.fly(*along(0.0, 2.0))['level'] == Level.UNKNOWN
     wire = np.column_stack((np.full(41, 9.0), np.linspace(-2.0, 2.0, 41), np.full(41, 10.5)))
     ground = np.array([[9.0, 0.0, 0.0]])
