@@ -93,6 +93,11 @@ def unpack_frame(data: bytes, kind: bytes) -> Frame:
     )
 
 
+def read_number(data: bytes) -> int:
+    """Return the number of a message, without unpacking it; -1 if it is too short."""
+    return int(_HEAD.unpack_from(data)[4]) if len(data) >= _HEAD.size else -1
+
+
 def put_rows(rows: NDArray[Any]) -> bytes:
     """Return the number of rows (uint32) and their bytes, column after column."""
     count, size = len(rows), rows.dtype.itemsize

@@ -263,3 +263,26 @@ def test_what_is_no_record_is_told(tmp_path, capsys):
     said = capsys.readouterr().err
     assert 'nothing cannot be read: ' in said
     assert '--open replays on the page' in said
+
+
+def test_messages_that_were_sent_again_on_request_are_taken_as_in_flight():
+    source, live, kept, entries = Source(), Monitor(cloud=False), [], []
+
+    def hear(time, data):
+        entries.append(Entry(time=time, kind='summary', data=data))
+        live.take_summary(data, time)
+
+    for k in range(10):
+        kept.append(source.summary(float(k), cloud_sent=k, tables=make_rows(6, 3 if k > 3 else 0)))
+        if k != 4:  # lost, with three hazards that later messages do not name
+            hear(float(k), kept[-1])
+        if k == 6:
+            assert live.take_wishes(6.5) == {'summary'}
+            for number, data in enumerate(kept):
+                hear(6.6 + 0.01 * number, data)
+    seen, replay = live.look(9.0), Replay(Tape(name='/n', start=1.0, entries=tuple(entries)))
+    replay.seek(9.0)
+    picture = replay.look()
+    assert len(picture.hazards) == len(seen.hazards) == 3
+    assert picture.counts == dataclasses.replace(seen.counts, kbps=picture.counts.kbps)
+    assert [event.text for event in picture.events] == [event.text for event in seen.events]
