@@ -163,6 +163,20 @@ def test_layouts_of_the_driver(scene, world):
     assert (grid['ring'] == np.arange(16)).all()
     assert turn(organized=True, rate=20.0).shape == (938, 16)
     assert turn(dual=True).size > 1.9 * flat.size
+    dual = turn(organized=True, dual=True)
+    assert dual.shape == (2 * 1875, 16)
+    assert (dual['ring'] == np.arange(16)).all()
+    one, other = dual[0::2], dual[1::2]
+    np.testing.assert_array_equal(one['time'], other['time'])
+    again = one['x'] == other['x']
+    assert again.sum() > 0.7 * flat.size  # the only return of a beam comes twice, as it is
+    for name in POINT_DTYPE.names:
+        np.testing.assert_array_equal(one[name][again], other[name][again])
+    apart = [np.linalg.norm([rows[axis] for axis in 'xyz'], axis=0) for rows in (one, other)]
+    behind = (apart[1] - apart[0])[~again & ~np.isnan(apart[0] + apart[1])]
+    assert len(behind) > 500
+    assert behind.min() > -0.2  # noise of two returns
+    assert np.median(behind) > 0.4
     side = turn(view_direction_deg=-90.0, view_width_deg=120.0, max_range=40.0)[0]
     azimuth = np.degrees(np.arctan2(side['y'], side['x']))
     assert np.abs(azimuth + 90.0).max() < 60.5
