@@ -145,6 +145,7 @@ def test_bad_usage_exits_2(arguments, capsys, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize('options', [
     ['--view', '0', '400'], ['--scan-rate', '50'], ['--duration', '0.2'],
+    ['--odometry-rate', '500'], ['--duration', '1', '--scan-rate', '1'],
 ])
 def test_impossible_flight_is_one_line(options, capsys, tmp_path):
     """What cannot be flown: status 2, one line, nothing left behind."""

@@ -13,7 +13,7 @@ from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
 from plc_inspect.sim.scenes.conductors import measure_distances
 from plc_inspect.sim.scenes.placement import PlacementSums
-from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
+from plc_inspect.sim.surveys.flight import choose_nodes, Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.puck import POINT_DTYPE, Puck, scan
 from plc_inspect.sim.surveys.raycast import build_world, label_items
 from plc_inspect.sim.surveys.trajectory import (
@@ -21,6 +21,7 @@ from plc_inspect.sim.surveys.trajectory import (
     FlightPlan,
     fly,
     OdometryErrors,
+    RATE,
     rotate,
     Trajectory,
 )
@@ -181,6 +182,23 @@ def test_layouts_of_the_driver(scene, world):
     azimuth = np.degrees(np.arctan2(side['y'], side['x']))
     assert np.abs(azimuth + 90.0).max() < 60.5
     assert np.hypot(side['x'], side['y']).max() <= 40.0
+
+
+@pytest.mark.parametrize('rate', [7.0, 50.0, 80.0, 100.0, 130.0, 150.0, 200.0])
+def test_odometry_comes_at_its_rate(rate):
+    """Also where the rate does not divide that of the nodes; never twice at one node."""
+    nodes = choose_nodes(4001, rate)
+    assert len(nodes) == pytest.approx(20.0 * rate + 1, abs=1)
+    assert np.abs(np.array(nodes) / RATE - np.arange(len(nodes)) / rate).max() <= 0.5001 / RATE
+    assert len(set(nodes)) == len(nodes)
+    assert max(nodes) <= 4000
+
+
+@pytest.mark.parametrize('rate', [0.0, -1.0, 201.0, float('nan')])
+def test_impossible_odometry_raises(rate):
+    """No rate beyond that of the nodes."""
+    with pytest.raises(ConfigError, match='up to 200 Hz'):
+        Flight(odometry_rate=rate)
 
 
 @pytest.mark.parametrize('options', [
