@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
 from plc_inspect.sim.scenes.conductors import measure_distances
-from plc_inspect.sim.scenes.placement import PlacementSums
+from plc_inspect.sim.scenes.placement import place_truth, Placement, PlacementSums
 from plc_inspect.sim.surveys.flight import choose_nodes, Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.puck import POINT_DTYPE, Puck, scan
 from plc_inspect.sim.surveys.raycast import build_world, label_items
@@ -229,6 +229,22 @@ def test_placement_finds_a_known_motion():
     noisy.add(points, moved + rng.normal(0, 0.1, moved.shape))
     assert noisy.solve().horizontal_rms == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
     assert noisy.solve().vertical_rms == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize('yaw', [-0.02, 0.02])
+def test_boxes_of_hazards_hold_what_was_in_them(yaw):
+    """Also long ones that the drift turns, either way."""
+    extent = np.array([[0.0, 0.0, 0.0], [60.0, 1.0, 3.0]])
+    hazard = {'line_id': 0, 'span_id': 0, 'position': [30.0, 0.5, 3.0], 'extent': extent.tolist()}
+    drifted = Placement(
+        centre=np.array([30.0, 0.5, 0.0]), yaw=yaw, shift=np.array([0.3, 0.1, 0.0]),
+    )
+    truth = {'spans': [], 'supports': [], 'hazards': [hazard], 'planted': []}
+    low, high = np.array(place_truth(truth, {}, drifted)['hazards'][0]['extent'])
+    points = drifted.move(np.random.default_rng(0).uniform(*extent, (1000, 3)))
+    assert (points >= low - 1e-9).all()
+    assert (points <= high + 1e-9).all()
+    assert (high - low)[1] == pytest.approx(1.0 + 60.0 * abs(yaw), rel=0.01)
 
 
 def test_truth_of_a_flight_lies_where_the_odometry_puts_it(scene):
