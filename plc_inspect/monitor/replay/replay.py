@@ -91,7 +91,7 @@ class Replay:
         self.cloud.clear()
         self._monitor = Monitor(cloud=any(entry.kind == 'cloud' for entry in self.tape.entries))
         self._monitor.cloud = self.cloud
-        self._next, self._time, self._number = 0, 0.0, -1
+        self._next, self._time, self._number = 0, 0.0, (-1, -1)
         self._early: list[tuple[float, Seen]] = []
         """Acknowledgements of alarms whose messages came ahead, and since when they wait [s]."""
 
@@ -105,7 +105,8 @@ class Replay:
     def _take(self, entry: Entry) -> None:
         if entry.kind == 'summary':
             before, self._number = self._number, read_number(entry.data)
-            if self._number <= before:  # sent again, as the monitor had requested it
+            if self._number[0] != before[0] or self._number <= before:
+                # the node began anew, or sends again what the monitor had requested
                 self._monitor.take_wishes(entry.time)
             self._monitor.take_summary(entry.data, entry.time)
             self._early = [

@@ -286,3 +286,19 @@ def test_messages_that_were_sent_again_on_request_are_taken_as_in_flight():
     assert len(picture.hazards) == len(seen.hazards) == 3
     assert picture.counts == dataclasses.replace(seen.counts, kbps=picture.counts.kbps)
     assert [event.text for event in picture.events] == [event.text for event in seen.events]
+
+
+def test_what_was_sent_again_after_a_reset_is_not_called_foreign():
+    first, second = Source(session=7), Source(session=8, resets=1)
+    live, entries = Monitor(cloud=False), []
+    told = [(first if k < 14 else second).summary(float(k)) for k in range(16)]
+    times = [*range(14), 15.0, *(15.1 + 0.01 * k for k in range(6))]
+    for time, data in zip(times, [*told[:14], told[15], *told[10:]], strict=True):  # one is lost
+        if time == 15.1:
+            assert live.take_wishes(15.05) == {'summary'}
+        entries.append(Entry(time=float(time), kind='summary', data=data))
+        live.take_summary(data, float(time))
+    replay = Replay(Tape(name='/n', start=1.0, entries=tuple(entries)))
+    replay.seek(16.0)
+    assert replay.look().counts.foreign == live.look(16.0).counts.foreign == 0
+    assert replay.look().session == 8
