@@ -93,6 +93,14 @@ def unpack_frame(data: bytes, kind: bytes) -> Frame:
     )
 
 
+def read_number(data: bytes) -> tuple[int, int]:
+    """Return session and number of a message, without unpacking it; -1, -1 if it is too short."""
+    if len(data) < _HEAD.size:
+        return -1, -1
+    _, _, _, session, sequence, _ = _HEAD.unpack_from(data)
+    return session, sequence
+
+
 def put_rows(rows: NDArray[Any]) -> bytes:
     """Return the number of rows (uint32) and their bytes, column after column."""
     count, size = len(rows), rows.dtype.itemsize

@@ -67,6 +67,10 @@ KEYS = {
 OPEN_START, OPEN_END, FINISHED = 1, 2, 4
 SUPPORT_KINDS = ('unseen', 'tower', 'pole')
 STATUSES = ('input', 'map', 'segmentation')
+ERROR = 2
+"""Greatest level of a status; 0 good, 1 warning."""
+LATEST = (1 << 31) * 1_000_000_000
+"""Stamps are within this of 0 [ns], as the seconds of ROS have 32 bits."""
 NOT_READY = 'NOT READY'
 """So begins the text of a node that looks for nothing yet."""
 HEALTH = {
@@ -317,6 +321,9 @@ def _read_status(reader: BodyReader) -> Status:
     values = reader.take_struct(_FIXED)
     stamp_ns, tick, vehicle, resets, cloud_sent, *place = values[:8]
     heading, near, health = values[8:11]
+    levels = values[11:11 + len(STATUSES)]
+    if not -LATEST <= stamp_ns < LATEST or max(levels) > ERROR:
+        raise DataError(f'summary with stamp {stamp_ns} ns and levels {levels}')
     return Status(
         stamp_ns=stamp_ns, tick_uptime=_read_time(tick), vehicle_uptime=_read_time(vehicle),
         resets=resets, cloud_sent=cloud_sent, heading=heading, near_uptime=_read_time(near),
@@ -324,7 +331,7 @@ def _read_status(reader: BodyReader) -> Status:
         vehicle=None if NO_LENGTH in place else (
             metres(place[0]), metres(place[1]), metres(place[2])
         ),
-        levels=values[11:11 + len(STATUSES)],
+        levels=levels,
         health=dict(zip(HEALTH, values[11 + len(STATUSES):], strict=True)),
     )
 

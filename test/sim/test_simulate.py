@@ -145,6 +145,7 @@ def test_bad_usage_exits_2(arguments, capsys, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize('options', [
     ['--view', '0', '400'], ['--scan-rate', '50'], ['--duration', '0.2'],
+    ['--odometry-rate', '500'], ['--duration', '1', '--scan-rate', '1'],
 ])
 def test_impossible_flight_is_one_line(options, capsys, tmp_path):
     """What cannot be flown: status 2, one line, nothing left behind."""
@@ -153,13 +154,16 @@ def test_impossible_flight_is_one_line(options, capsys, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_surveys_are_replaced(capsys, tmp_path):
+@pytest.mark.parametrize('name', [
+    'notes.txt', 'rules.yaml', 'spans.json', 'rosbag2_2026_0.mcap', 'corridor.laz',
+])
+def test_only_surveys_are_replaced(capsys, tmp_path, name):
     """--force does not remove a folder that holds something else, nor a file."""
-    (tmp_path / 'notes.txt').write_text('keep me')
+    (tmp_path / name).write_text('keep me')
     assert main([*FLIGHT, '-o', str(tmp_path), '--force']) == 2
-    assert 'notes.txt' in capsys.readouterr().err
-    assert main([*FLIGHT, '-o', str(tmp_path / 'notes.txt'), '--force']) == 2
-    assert (tmp_path / 'notes.txt').read_text() == 'keep me'
+    assert name in capsys.readouterr().err
+    assert main([*FLIGHT, '-o', str(tmp_path / name), '--force']) == 2
+    assert (tmp_path / name).read_text() == 'keep me'
 
 
 def test_random_scenes_are_written_with_their_truth(tmp_path):

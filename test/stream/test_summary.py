@@ -228,6 +228,15 @@ def test_a_row_without_position_is_refused(table, axis):
         read_summary(Source().summary(1.0, keyframe=True, tables=tables))
 
 
+@pytest.mark.parametrize('status', [
+    {'stamp_ns': 1 << 62}, {'stamp_ns': -(1 << 62)}, {'stamp_ns': (1 << 31) * 10**9},
+    {'levels': (0, 3, 0)}, {'levels': (255, 0, 0)},
+])
+def test_a_status_that_no_message_of_ros_can_hold_is_refused(status):
+    with pytest.raises(DataError, match='summary with stamp'):
+        read_summary(Source().summary(1.0, keyframe=True, **status))
+
+
 def test_lines_of_large_numbers_are_not_named_at_supports():
     support = Support(
         support_id=1, kind='tower', line_ids=(7, 32_767, 32_768, 100_000),

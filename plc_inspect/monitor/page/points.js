@@ -7,7 +7,8 @@ import * as THREE from 'three';
 
 import {Batch} from './batch.js';
 
-const UNIT = 0.01;
+// Resolution of coordinates [m], of wide cells so many steps of their edge.
+const UNIT = 0.01, STEPS = 50;
 const HEAD = 52; // bytes before the points of a message
 // A frame may take so long [ms], else fewer points are drawn; below quick more are. While the picture is
 // turned: 20 frames in a second, and a little to spare. At rest: four in a second, and the processor half idle.
@@ -74,7 +75,7 @@ export class Points {
     geometry.setAttribute('position', new THREE.BufferAttribute(new Int16Array(3 * total), 3, false));
     geometry.setAttribute('color', new THREE.BufferAttribute(new Uint8Array(3 * total), 3, true));
     const block = new THREE.Points(geometry, this.material(edge, 0));
-    block.scale.setScalar(UNIT);
+    block.scale.setScalar(Math.max(UNIT, edge / STEPS));
     block.position.copy(this.local(middle));
     block.updateMatrixWorld();
     block.matrixAutoUpdate = false;

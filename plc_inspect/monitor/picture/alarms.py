@@ -203,7 +203,10 @@ class AlarmBook:
                 cause = self._open[number].cause
                 reason = 'no longer near' if cause.hazard_id < 0 else 'no longer there'
                 self._put(replace(self._open[number], cleared=now, reason=reason))
-        gone = [item for item in self._open.values() if not item.stands]
+        gone = sorted(
+            (item for item in self._open.values() if not item.stands),
+            key=lambda item: item.cleared,
+        )
         for item in gone[:max(0, len(self._open) - MOST_OPEN)]:
             self._close(item)
         return tuple(raised)

@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 import math
+import threading
 
 import numpy as np
 
@@ -24,9 +25,14 @@ CellArrays = tuple[Float32, UInt8, Float32, Float32]
 
 
 class CloudStore:
-    """Blocks, and the overview in place of blocks not received yet."""
+    """
+    Blocks, and the overview in place of blocks not received yet.
+
+    One thread puts blocks in; others may assemble them and cut them out meanwhile.
+    """
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._blocks: dict[BlockKey, UInt64] = {}
         self._overview: dict[BlockKey, UInt64] = {}
         self._homes: dict[BlockKey, set[BlockKey]] = {}
@@ -46,26 +52,28 @@ class CloudStore:
 
     def clear(self) -> None:
         """Forget everything."""
-        self._changed |= set(self._homes) | set(self._overview)
-        self._blocks.clear()
-        self._overview.clear()
-        self._homes.clear()
-        self.total = 0
+        with self._lock:
+            self._changed |= set(self._homes) | set(self._overview)
+            self._blocks.clear()
+            self._overview.clear()
+            self._homes.clear()
+            self.total = 0
 
     def put(self, message: CloudMessage) -> None:
         """Store the content of a message."""
-        self.total = message.total
-        if message.overview:
-            self._fine = message.voxel / COARSENESS
-            self._overview.update(message.blocks)
-            self._changed |= set(message.blocks)
-            return
-        self._fine = message.voxel
-        for key, codes in message.blocks.items():
-            home = find_home(key)
-            self._blocks[key] = codes
-            self._homes.setdefault(home, set()).add(key)
-            self._changed.add(home)
+        with self._lock:
+            self.total = message.total
+            if message.overview:
+                self._fine = message.voxel / COARSENESS
+                self._overview.update(message.blocks)
+                self._changed |= set(message.blocks)
+                return
+            self._fine = message.voxel
+            for key, codes in message.blocks.items():
+                home = find_home(key)
+                self._blocks[key] = codes
+                self._homes.setdefault(home, set()).add(key)
+                self._changed.add(home)
 
     def take_changed(self) -> list[BlockKey]:
         """Return the blocks of the overview that changed since the last call."""
@@ -74,22 +82,24 @@ class CloudStore:
 
     def list_homes(self) -> list[BlockKey]:
         """Return all blocks of the overview that are not empty."""
-        return sorted(set(self._homes) | set(self._overview))
+        with self._lock:
+            return sorted(set(self._homes) | set(self._overview))
 
     def assemble(self, home: BlockKey) -> CellArrays:
         """Return all cells within a block of the overview."""
-        parts = [
-            self._place(key, self._blocks[key], 1) for key in sorted(self._homes.get(home, ()))
-        ]
-        if home in self._overview:
-            coarse = self._place(home, self._overview[home], COARSENESS)
-            index = np.floor(coarse[0][:, :2] / (SIDE * self._fine)).astype(np.int64)
-            known = self._homes.get(home, set())
-            missing = np.array(
-                [(x, y) not in known for x, y in index.tolist()], dtype=np.bool_
-            )
-            points, kind, clearance, size = coarse
-            parts.append((points[missing], kind[missing], clearance[missing], size[missing]))
+        with self._lock:
+            parts = [
+                self._place(key, self._blocks[key], 1) for key in sorted(self._homes.get(home, ()))
+            ]
+            if home in self._overview:
+                coarse = self._place(home, self._overview[home], COARSENESS)
+                index = np.floor(coarse[0][:, :2] / (SIDE * self._fine)).astype(np.int64)
+                known = self._homes.get(home, set())
+                missing = np.array(
+                    [(x, y) not in known for x, y in index.tolist()], dtype=np.bool_
+                )
+                points, kind, clearance, size = coarse
+                parts.append((points[missing], kind[missing], clearance[missing], size[missing]))
         return _join(parts)
 
     def assemble_all(self) -> CellArrays:

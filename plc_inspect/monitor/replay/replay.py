@@ -9,6 +9,7 @@ from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.model import LOST, Monitor
 from plc_inspect.monitor.picture.picture import Picture
 from plc_inspect.monitor.replay.tape import Entry, read_seen, Seen, Tape
+from plc_inspect.stream.frame import read_number
 
 SPEEDS = (1.0, 4.0, 16.0)
 
@@ -88,9 +89,9 @@ class Replay:
 
     def _begin(self) -> None:
         self.cloud.clear()
-        self._monitor = Monitor()
+        self._monitor = Monitor(cloud=any(entry.kind == 'cloud' for entry in self.tape.entries))
         self._monitor.cloud = self.cloud
-        self._next, self._time = 0, 0.0
+        self._next, self._time, self._number = 0, 0.0, (-1, -1)
         self._early: list[tuple[float, Seen]] = []
         """Acknowledgements of alarms whose messages came ahead, and since when they wait [s]."""
 
@@ -103,6 +104,10 @@ class Replay:
 
     def _take(self, entry: Entry) -> None:
         if entry.kind == 'summary':
+            before, self._number = self._number, read_number(entry.data)
+            if self._number[0] != before[0] or self._number <= before:
+                # the node began anew, or sends again what the monitor had requested
+                self._monitor.take_wishes(entry.time)
             self._monitor.take_summary(entry.data, entry.time)
             self._early = [
                 (since, seen) for since, seen in self._early

@@ -164,15 +164,14 @@ def _draw_health(picture: Picture, width: int) -> RenderableType:
     health = picture.health_now
 
     def number(name: str, form: str = '.0f') -> str:
-        value = health.get(name, math.nan)
-        return '-' if math.isnan(value) else format(value, form)
+        return _number(health.get(name, math.nan), form)
 
     cells = (
         ('scan rate', f'{number("scan_rate", ".1f")} Hz'),
         ('scans lost', number('scans_lost')), ('scans dropped', number('scans_dropped')),
         ('pose gaps', number('pose_gaps')), ('last tick', f'{number("tick_ms")} ms'),
         ('postponed', number('ticks_postponed')),
-        ('map', f'{health.get("voxels", math.nan) / 1e6:.2f} M voxels'),
+        ('map', f'{_number(health.get("voxels", math.nan) / 1e6)} M voxels'),
         ('memory', f'{number("memory_mb")} MB'),
         ('callbacks', f'{number("callback_ms", ".1f")} ms'),
     )
@@ -238,13 +237,17 @@ def _draw_events(picture: Picture, count: int) -> RenderableType:
 def _hazard_cells(item: HazardItem) -> list[str]:
     return [
         item.severity_name, item.kind, str(item.hazard_id), str(item.line_id),
-        str(item.span_id), f'{item.clearance:.2f}', f'{item.required:.2f}',
-        f'{item.sigma:.2f}', f'{item.along_span:.1f}',
+        str(item.span_id), _number(item.clearance), _number(item.required),
+        _number(item.sigma), _number(item.along_span, '.1f'),
     ]
 
 
+def _number(value: float, form: str = '.2f') -> str:
+    return '-' if math.isnan(value) else format(value, form)
+
+
 def _span_cells(item: SpanItem) -> list[str]:
-    ground = '-' if math.isnan(item.ground_clearance) else f'{item.ground_clearance:.1f}'
+    ground = _number(item.ground_clearance, '.1f')
     state = name_severity(item.severity)
     if item.open_start or item.open_end:
         state += ' ...'

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The corridor in the format of the page: points in centimetres, coloured by clearance."""
+"""The corridor in the format of the page: points as whole numbers, coloured by clearance."""
 
 from dataclasses import dataclass
 import struct
@@ -21,8 +21,8 @@ From near to far.
 Source: red, orange and blue-grey differ in lightness and in blue, which colour-blind eyes see.
 """
 GROUND, STRUCTURE = (128, 116, 104), (150, 155, 165)
-UNIT = 0.01
-"""Resolution of coordinates [m]."""
+UNIT, STEPS = 0.01, 50
+"""Resolution of coordinates [m], of wide cells so many steps of their edge."""
 FARTHEST = 32_000
 """Greatest distance of a point from the middle of its block, in units."""
 _HEAD = struct.Struct('<' + 'iidddfIIII')
@@ -73,7 +73,7 @@ class BlockPoints:
     edge: float
     """Edge of a cell [m]."""
     places: NDArray[np.int16]
-    """(M, 3) in UNIT from the middle."""
+    """(M, 3) in the unit of the edge (`find_unit`), from the middle."""
     colors: UInt8
     """(M, 3) red, green, blue."""
 
@@ -113,6 +113,11 @@ class BlockPoints:
         ))
 
 
+def find_unit(edge: float) -> float:
+    """Return the resolution of the places in a block with cells of this edge [m]."""
+    return max(UNIT, edge / STEPS)
+
+
 def lay_out_block(home: BlockKey, cells: CellArrays) -> BlockPoints:
     """
     Return a block of the corridor for browsers.
@@ -134,10 +139,11 @@ def lay_out_block(home: BlockKey, cells: CellArrays) -> BlockPoints:
     shown = np.random.default_rng(0).permutation(shown)
     points = points[shown].astype(np.float64)
     x, y, z = np.round(points.mean(axis=0), 2).tolist() if len(points) else (0.0, 0.0, 0.0)
-    places = np.clip(np.rint((points - (x, y, z)) / UNIT), -FARTHEST, FARTHEST)
+    edge = float(size[shown].min()) if len(shown) else 1.0
+    places = np.clip(np.rint((points - (x, y, z)) / find_unit(edge)), -FARTHEST, FARTHEST)
     return BlockPoints(
-        home=home, middle=(x, y, z), edge=float(size[shown].min()) if len(shown) else 1.0,
-        places=places.astype(_PLACE), colors=color_cells(kind[shown], clearance[shown]),
+        home=home, middle=(x, y, z), edge=edge, places=places.astype(_PLACE),
+        colors=color_cells(kind[shown], clearance[shown]),
     )
 
 

@@ -241,7 +241,7 @@ def _score_hazards(
             other_kind += 1
         else:
             false.append(report)
-    required = {i for i, item in enumerate(truth.hazards) if item.required}
+    required = _list_required(truth)
     counts = Counts(
         required=len(required), required_found=len(required & set(reports)), found=len(reports),
         false=len(false),
@@ -257,6 +257,17 @@ def _score_hazards(
         abs(min(item.clearance for item in known) - truth.hazards[i].clearance)
         for i, known in sorted(reports.items())
     ))
+
+
+def _list_required(truth: Truth) -> set[int]:
+    """Return the hazards that must be found: of low conductors those that were seen."""
+    unseen = {
+        (item.curve.line_id, item.curve.span_id) for item in truth.spans if item.seen < MIN_SEEN
+    }
+    return {
+        i for i, item in enumerate(truth.hazards) if item.required
+        and not (item.kind == 'ground' and item.conductors and unseen >= item.conductors.keys())
+    }
 
 
 def _is_of(item: TrueHazard, conductor: tuple[int, int]) -> bool:

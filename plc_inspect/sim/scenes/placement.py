@@ -10,6 +10,7 @@ error (translation and yaw) of its returns moves the truth into that frame.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -184,7 +185,8 @@ def _place_support(
 
 
 def _place_hazard(row: dict[str, Any], placement: Placement) -> dict[str, Any]:
-    box = placement.move(np.array(row['extent']))
+    # all corners, as a long box that turns is wider
+    box = placement.move(np.array(list(product(*zip(*row['extent'], strict=True)))))
     return {
         **row, 'position': _move(placement, row['position']),
         'extent': [box.min(axis=0).tolist(), box.max(axis=0).tolist()],

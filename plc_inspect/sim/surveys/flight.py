@@ -3,6 +3,7 @@
 
 """Simulated flights: recorded scans and odometry, and their truth."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.sim.scenes.placement import (
     place_truth,
     Placement,
@@ -69,7 +71,14 @@ class Flight:
     puck: Puck = field(default_factory=Puck)
     errors: OdometryErrors = field(default_factory=OdometryErrors)
     odometry_rate: float = 100.0
-    """Rate of odometry messages, at most 200 [Hz]."""
+    """Rate of odometry messages, at most RATE [Hz]; each has the pose of one node."""
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError unless the odometry has a possible rate."""
+        if not 0.0 < self.odometry_rate <= RATE:
+            raise ConfigError(
+                f'odometry comes at up to {RATE:g} Hz, got {self.odometry_rate:g}'
+            )
 
 
 _CELL = 0.1
@@ -190,13 +199,14 @@ def simulate_flight(
     world = build_world(scene)
     labels, tally = label_items(scene, world), _begin_tally(scene)
     num_scans = int((truth.duration - START_DELAY - 1.0 / RATE) * puck.rate)
-    stride = max(1, round(RATE / flight.odometry_rate))
-    node = num_points = 0
+    if num_scans < 1:
+        raise DataError(f'a flight of {truth.duration:g} s has no scan of {1 / puck.rate:g} s')
+    nodes = deque(choose_nodes(len(truth.position), flight.odometry_rate))
+    num_points = 0
     for number in range(num_scans):
         turn = scan(world, labels.label, truth, puck, number, rng)
-        while node < len(truth.position) and truth.start + node / RATE <= turn.stamp:
-            writer.write_odometry(odometry, node)
-            node += stride
+        while nodes and truth.start + nodes[0] / RATE <= turn.stamp:
+            writer.write_odometry(odometry, nodes.popleft())
         writer.write_scan(turn)
         num_points += len(turn.items)
         conductor = labels.conductor[turn.items]
@@ -207,9 +217,8 @@ def simulate_flight(
         tally.add_others(turn.exact[~wire], labels.label[turn.items[~wire]])
         if progress is not None:
             progress(number + 1, num_scans)
-    while node < len(truth.position):
+    for node in nodes:
         writer.write_odometry(odometry, node)
-        node += stride
     content = make_truth(
         scene, tally.sum_up(), kind='flight', frame_id='odom', bin_size=2.0, noise=puck.noise,
     )
@@ -224,6 +233,12 @@ def simulate_flight(
         'num_points': num_points, 'duration': num_scans / puck.rate,
         'odometry_origin': truth.position[0].tolist(),
     }
+
+
+def choose_nodes(num: int, rate: float) -> list[int]:
+    """Return the nodes, of so many of a trajectory, of odometry at a rate [Hz]: the nearest."""
+    times = np.arange(0.0, num - 0.5, RATE / rate)
+    return [int(node) for node in np.floor(times + 0.5)]
 
 
 def _put(

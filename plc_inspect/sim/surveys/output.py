@@ -10,7 +10,8 @@ from pathlib import Path
 from plc_inspect.errors import DataError
 from plc_inspect.whole_files import check_folder, replace_folder
 
-_SUFFIXES = ('.mcap', '.yaml', '.json', '.laz')
+FILES = {'flight.mcap', 'metadata.yaml', 'map.laz', 'truth.json'}
+"""Names of the files of a survey: other recordings and clouds are not replaced."""
 
 
 @contextmanager
@@ -40,6 +41,6 @@ def open_folder(path: Path, force: bool) -> Iterator[Path]:
 def _check(path: Path, force: bool) -> None:
     check_folder(path, force)
     if path.exists():
-        foreign = sorted({file.name for file in path.iterdir() if file.suffix not in _SUFFIXES})
+        foreign = sorted({file.name for file in path.iterdir()} - FILES)
         if foreign:
             raise DataError(f'{path} is not replaced: it holds {foreign[0]}, which is no survey')

@@ -139,35 +139,39 @@ def scan(
         world, origins, directions, np.full(len(local), puck.max_range),
         Beam(max_returns=num_returns, pass_share=0.5), int(rng.integers(2**62)),
     )
-    if puck.dual:
-        alone = items[:, 1] == MISS
-        ranges[alone, 1], items[alone, 1] = ranges[alone, 0], items[alone, 0]
     # keep the returns that are detected, with noise and in range
-    beam = np.repeat(np.arange(len(local)), num_returns)
-    ranges, items = ranges.ravel(), items.ravel()
-    hit = np.flatnonzero(items != MISS)
-    hit = hit[_is_detected(ranges[hit], items[hit], directions[beam[hit]], rng)]
-    measured = ranges[hit] + rng.normal(0.0, puck.noise, len(hit))
+    beam, order = np.nonzero(items != MISS)
+    seen = _is_detected(ranges[beam, order], items[beam, order], directions[beam], rng)
+    beam, order = beam[seen], order[seen]
+    measured = ranges[beam, order] + rng.normal(0.0, puck.noise, len(beam))
     measured = np.round(measured / puck.quantum) * puck.quantum
     good = (measured >= puck.min_range) & (measured <= puck.max_range)
-    hit, measured = hit[good], measured[good]
-    # write the message
-    source = beam[hit]
+    beam, order, measured = beam[good], order[good], measured[good]
+    # write the message: the returns of a firing one after the other, each of all rings
     stamp = begin if puck.stamp_first else begin + float(delay[-1] if len(delay) else 0.0)
-    table = np.zeros(len(beam), dtype=POINT_DTYPE)
+    table = np.zeros(ranges.shape, dtype=POINT_DTYPE)
     for name in ('x', 'y', 'z'):
         table[name] = np.nan
     for axis, name in enumerate('xyz'):
-        table[name][hit] = measured * local[source, axis]
-    table['ring'] = rings[beam]
-    table['time'] = begin + delay[beam] - stamp
+        table[name][beam, order] = measured * local[beam, axis]
+    table['ring'] = rings[:, None]
+    table['time'] = (begin + delay - stamp)[:, None]
     shade = np.array([_REFLECTIVITY.get(int(label), 30) for label in range(32)])
-    bright = shade[labels[items[hit]]] * np.exp(-measured / 120.0) + rng.normal(0, 3, len(hit))
-    table['intensity'][hit] = np.clip(np.round(bright), 1, 255)
+    bright = shade[labels[items[beam, order]]] * np.exp(-measured / 120.0)
+    bright += rng.normal(0, 3, len(beam))
+    table['intensity'][beam, order] = np.clip(np.round(bright), 1, 255)
+    if puck.dual:
+        alone = items[:, 1] == MISS
+        for rows in (table, ranges, items):
+            rows[alone, 1] = rows[alone, 0]
+    place = np.arange(table.size).reshape(-1, NUM_RINGS, num_returns).swapaxes(1, 2).ravel()
+    table = table.ravel()[place]
+    hit = np.flatnonzero(~np.isnan(table['x']))
+    source, order = np.divmod(place[hit], num_returns)
     return Scan(
-        stamp=stamp, times=begin + delay[source], items=items[hit],
+        stamp=stamp, times=begin + delay[source], items=items[source, order],
         points=table.reshape(-1, NUM_RINGS) if puck.organized else table[hit][None],
-        exact=origins[source] + ranges[hit][:, None] * directions[source],
+        exact=origins[source] + ranges[source, order][:, None] * directions[source],
     )
 
 

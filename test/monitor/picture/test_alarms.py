@@ -198,6 +198,16 @@ def test_only_what_is_open_and_unseen_is_acknowledged():
     assert book.open[0].who == 'crew'
 
 
+def test_of_too_many_those_that_cleared_first_are_dropped():
+    book = AlarmBook()
+    book.update({'hazard 1': TREE, 'hazard 2': TREE}, 1.0)
+    book.update({'hazard 1': TREE}, 2.0)
+    book.update({}, 3.0)
+    book.update({f'hazard {number}': TREE for number in range(3, MOST_OPEN + 2)}, 4.0)
+    assert {item.key for item in book.open if not item.stands} == {'hazard 1'}
+    assert [item.key for item in book.past] == ['hazard 2']
+
+
 def test_what_is_remembered_is_bounded():
     book = AlarmBook()
     for number in range(2 * MOST_OPEN):

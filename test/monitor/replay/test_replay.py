@@ -263,3 +263,42 @@ def test_what_is_no_record_is_told(tmp_path, capsys):
     said = capsys.readouterr().err
     assert 'nothing cannot be read: ' in said
     assert '--open replays on the page' in said
+
+
+def test_messages_that_were_sent_again_on_request_are_taken_as_in_flight():
+    source, live, kept, entries = Source(), Monitor(cloud=False), [], []
+
+    def hear(time, data):
+        entries.append(Entry(time=time, kind='summary', data=data))
+        live.take_summary(data, time)
+
+    for k in range(10):
+        kept.append(source.summary(float(k), cloud_sent=k, tables=make_rows(6, 3 if k > 3 else 0)))
+        if k != 4:  # lost, with three hazards that later messages do not name
+            hear(float(k), kept[-1])
+        if k == 6:
+            assert live.take_wishes(6.5) == {'summary'}
+            for number, data in enumerate(kept):
+                hear(6.6 + 0.01 * number, data)
+    seen, replay = live.look(9.0), Replay(Tape(name='/n', start=1.0, entries=tuple(entries)))
+    replay.seek(9.0)
+    picture = replay.look()
+    assert len(picture.hazards) == len(seen.hazards) == 3
+    assert picture.counts == dataclasses.replace(seen.counts, kbps=picture.counts.kbps)
+    assert [event.text for event in picture.events] == [event.text for event in seen.events]
+
+
+def test_what_was_sent_again_after_a_reset_is_not_called_foreign():
+    first, second = Source(session=7), Source(session=8, resets=1)
+    live, entries = Monitor(cloud=False), []
+    told = [(first if k < 14 else second).summary(float(k)) for k in range(16)]
+    times = [*range(14), 15.0, *(15.1 + 0.01 * k for k in range(6))]
+    for time, data in zip(times, [*told[:14], told[15], *told[10:]], strict=True):  # one is lost
+        if time == 15.1:
+            assert live.take_wishes(15.05) == {'summary'}
+        entries.append(Entry(time=float(time), kind='summary', data=data))
+        live.take_summary(data, float(time))
+    replay = Replay(Tape(name='/n', start=1.0, entries=tuple(entries)))
+    replay.seek(16.0)
+    assert replay.look().counts.foreign == live.look(16.0).counts.foreign == 0
+    assert replay.look().session == 8

@@ -30,6 +30,7 @@ from stream_pieces import make_rows, NO_TABLES, Source
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.terminal.text import draw_once
 from plc_inspect.ros.graph.qos import SUMMARY
+from plc_inspect.stream.curve_check import NO_LENGTH
 
 ROOT = Path(__file__).parents[3]
 COMMAND = [sys.executable, '-m', 'plc_inspect.monitor.command']
@@ -250,3 +251,12 @@ def test_bad_usage_is_one_line(domain, arguments, text):
     assert text in done.stderr
     assert done.stderr.count('\n') == 1
     assert done.stdout == ''
+
+
+def test_what_is_not_known_is_a_dash():
+    monitor, tables, console = Monitor(), make_rows(6, 3), Console(file=io.StringIO(), width=100)
+    for name in ('required', 'sigma', 'along_span'):
+        tables.hazards[name] = NO_LENGTH
+    monitor.take_summary(Source().summary(1.0, keyframe=True, tables=tables, health={}), 1.0)
+    console.print(draw_once(monitor.look(1.1), '/plc_inspect'))
+    assert 'nan' not in console.file.getvalue()

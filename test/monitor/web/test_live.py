@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.monitor.picture.cloud_store import CloudStore
-from plc_inspect.monitor.web.cells import lay_out_block, UNIT
+from plc_inspect.monitor.web.cells import find_unit, lay_out_block, UNIT
 from plc_inspect.monitor.web.live import Hub, ROWS_BYTES, STAGES, Visitor
 from plc_inspect.monitor.web.pace import AHEAD, ANSWER, LEAST_WINDOW, MOST_WINDOW, Pace
 from plc_inspect.results import PointClass
@@ -89,6 +89,21 @@ def test_a_block_that_changes_on_its_way_is_sent_anew():
     browser.take()
     assert len(browser.blocks[0, 0][2]) == 3_000
     assert [first for _, first, _ in browser.order] == [0, STAGES[0], 0, STAGES[0]]
+
+
+@pytest.mark.parametrize('edge', [0.01, 0.5, 10.0])
+def test_points_are_where_they_were_in_blocks_of_any_cells(edge):
+    rng = np.random.default_rng(0)
+    points = (rng.uniform(0.0, 128.0 * edge, (500, 3)) * [1, 1, 0.5]).astype(np.float32)
+    points[:450] *= np.float32(0.1)  # the middle lies near a corner
+    block = lay_out_block((0, 0), (
+        points, np.full(500, PointClass.VEGETATION, np.uint8),
+        np.full(500, 5.0, np.float32), np.full(500, edge, np.float32),
+    ))
+    _, _, _, _, middle_z, sent, *_ = HEAD.unpack_from(block.pack(1, 0, 500))
+    assert (middle_z, sent) == pytest.approx((block.middle[2], edge))
+    places = np.sort(block.places * find_unit(sent) + np.array(block.middle), axis=0)
+    np.testing.assert_allclose(places, np.sort(points, axis=0), atol=0.51 * max(0.01, edge / 50))
 
 
 def test_a_block_without_points_is_told_once():

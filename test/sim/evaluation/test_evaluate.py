@@ -286,6 +286,15 @@ def test_hazards_too_close_to_call():
     assert loud.found == 1
 
 
+@pytest.mark.parametrize(('seen', 'required'), [(0.0, 0), (0.5, 0), (0.6, 1), (1.0, 1)])
+def test_low_conductors_that_were_hardly_seen_need_not_be_found(seen, required):
+    """They may hang beyond the survey; all else in the truth was sampled."""
+    conductors = make_conductors((0.0,))
+    low = {**HAZARD, 'kind': 'ground', 'position': [50.0, 0.0, 10.0]}
+    truth = parse_truth(make_content(conductors, seen=seen, hazards=[low, HAZARD]))
+    assert evaluate(make_survey([]), truth).hazards.required == required + 1
+
+
 def test_distance_to_vegetation():
     """The nearest point called vegetation is measured to the estimated curve."""
     item = make_conductors((0.0,))[0]

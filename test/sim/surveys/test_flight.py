@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
 from plc_inspect.sim.scenes.conductors import measure_distances
-from plc_inspect.sim.scenes.placement import PlacementSums
-from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
+from plc_inspect.sim.scenes.placement import place_truth, Placement, PlacementSums
+from plc_inspect.sim.surveys.flight import choose_nodes, Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.puck import POINT_DTYPE, Puck, scan
 from plc_inspect.sim.surveys.raycast import build_world, label_items
 from plc_inspect.sim.surveys.trajectory import (
@@ -21,6 +21,7 @@ from plc_inspect.sim.surveys.trajectory import (
     FlightPlan,
     fly,
     OdometryErrors,
+    RATE,
     rotate,
     Trajectory,
 )
@@ -163,10 +164,41 @@ def test_layouts_of_the_driver(scene, world):
     assert (grid['ring'] == np.arange(16)).all()
     assert turn(organized=True, rate=20.0).shape == (938, 16)
     assert turn(dual=True).size > 1.9 * flat.size
+    dual = turn(organized=True, dual=True)
+    assert dual.shape == (2 * 1875, 16)
+    assert (dual['ring'] == np.arange(16)).all()
+    one, other = dual[0::2], dual[1::2]
+    np.testing.assert_array_equal(one['time'], other['time'])
+    again = one['x'] == other['x']
+    assert again.sum() > 0.7 * flat.size  # the only return of a beam comes twice, as it is
+    for name in POINT_DTYPE.names:
+        np.testing.assert_array_equal(one[name][again], other[name][again])
+    apart = [np.linalg.norm([rows[axis] for axis in 'xyz'], axis=0) for rows in (one, other)]
+    behind = (apart[1] - apart[0])[~again & ~np.isnan(apart[0] + apart[1])]
+    assert len(behind) > 500
+    assert behind.min() > -0.2  # noise of two returns
+    assert np.median(behind) > 0.4
     side = turn(view_direction_deg=-90.0, view_width_deg=120.0, max_range=40.0)[0]
     azimuth = np.degrees(np.arctan2(side['y'], side['x']))
     assert np.abs(azimuth + 90.0).max() < 60.5
     assert np.hypot(side['x'], side['y']).max() <= 40.0
+
+
+@pytest.mark.parametrize('rate', [7.0, 50.0, 80.0, 100.0, 130.0, 150.0, 200.0])
+def test_odometry_comes_at_its_rate(rate):
+    """Also where the rate does not divide that of the nodes; never twice at one node."""
+    nodes = choose_nodes(4001, rate)
+    assert len(nodes) == pytest.approx(20.0 * rate + 1, abs=1)
+    assert np.abs(np.array(nodes) / RATE - np.arange(len(nodes)) / rate).max() <= 0.5001 / RATE
+    assert len(set(nodes)) == len(nodes)
+    assert max(nodes) <= 4000
+
+
+@pytest.mark.parametrize('rate', [0.0, -1.0, 201.0, float('nan')])
+def test_impossible_odometry_raises(rate):
+    """No rate beyond that of the nodes."""
+    with pytest.raises(ConfigError, match='up to 200 Hz'):
+        Flight(odometry_rate=rate)
 
 
 @pytest.mark.parametrize('options', [
@@ -197,6 +229,22 @@ def test_placement_finds_a_known_motion():
     noisy.add(points, moved + rng.normal(0, 0.1, moved.shape))
     assert noisy.solve().horizontal_rms == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
     assert noisy.solve().vertical_rms == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize('yaw', [-0.02, 0.02])
+def test_boxes_of_hazards_hold_what_was_in_them(yaw):
+    """Also long ones that the drift turns, either way."""
+    extent = np.array([[0.0, 0.0, 0.0], [60.0, 1.0, 3.0]])
+    hazard = {'line_id': 0, 'span_id': 0, 'position': [30.0, 0.5, 3.0], 'extent': extent.tolist()}
+    drifted = Placement(
+        centre=np.array([30.0, 0.5, 0.0]), yaw=yaw, shift=np.array([0.3, 0.1, 0.0]),
+    )
+    truth = {'spans': [], 'supports': [], 'hazards': [hazard], 'planted': []}
+    low, high = np.array(place_truth(truth, {}, drifted)['hazards'][0]['extent'])
+    points = drifted.move(np.random.default_rng(0).uniform(*extent, (1000, 3)))
+    assert (points >= low - 1e-9).all()
+    assert (points <= high + 1e-9).all()
+    assert (high - low)[1] == pytest.approx(1.0 + 60.0 * abs(yaw), rel=0.01)
 
 
 def test_truth_of_a_flight_lies_where_the_odometry_puts_it(scene):
