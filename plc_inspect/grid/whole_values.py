@@ -44,7 +44,7 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     Measure what the result of each tile depends on beyond its own points.
 
     Values of an earlier run with the same settings, CRS and units are kept, so that a changed
-    input changes only its own tiles.
+    input changes only its own tiles; not those of a run that failed to measure a tile.
     """
     settings = run.settings
     stages = [asdict(item) for item in (
@@ -57,9 +57,12 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     frame = derive_frame(cut.reference, cut.moments)
     if cut.strays:
         frame = _derive_without_strays(jobs, cut)
+    num_failures = len(run.failures)
     found = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
     whole = replace(found, probe_step=min(choose_step(cut.num_points), MOST_STEP))
-    run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
+    if len(run.failures) == num_failures:  # else the next run measures what is missing
+        remove_kept(run.work / TILES)
+        run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
     return whole
 
 
@@ -107,7 +110,6 @@ def _measure_whole(
             str(folder), own['name'], num,
         )) for own in candidates
     ), make_key(candidates, num))
-    remove_kept(folder)
     spacing, anchor = join_spacing(spacings, candidates, num)
     return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing,
                  probe_step=1)
