@@ -18,8 +18,10 @@ from plc_inspect.grid.engine import Task
 from plc_inspect.grid.ledger import make_key
 from plc_inspect.grid.run import CutGrid, GridRun
 from plc_inspect.grid.tiles.survey_whole import (
+    CANDIDATES,
     count_tile,
     find_peak,
+    HEIGHTS,
     join_bounds,
     join_extremes,
     join_spacing,
@@ -78,8 +80,15 @@ def _measure_whole(
 ) -> Whole:
     settings = run.settings
 
-    def ask(stage: str, tasks: Iterable[Task], *more: Any) -> list[dict[str, Any]]:
+    folder, num = run.work / TILES, settings.outliers.num_neighbors
+
+    def ask(
+        stage: str, tasks: Iterable[Task], *more: Any, suffix: str = ''
+    ) -> list[dict[str, Any]]:
         listed = list(tasks)
+        for task in listed:  # what it wrote may be gone
+            if suffix and not (folder / f'{task.name}{suffix}').is_file():
+                run.ledger.forget(stage, task.name)
         own = {task.name: make_key(key, task.name, more) for task in listed}
         answers = run.run(stage, listed, own)
         return [answers[task.name] for task in listed if task.name in answers]
@@ -92,7 +101,8 @@ def _measure_whole(
     extent = [(job.tile.first, job.tile.last) for job in jobs]
     region = join_bounds(ask('bounds', for_each(measure_bounds, frame), extent))
     extremes = join_extremes(ask(
-        'ground', for_each(measure_ground, frame, region, settings.height), extent
+        'ground', for_each(measure_ground, frame, region, settings.height), extent,
+        suffix=HEIGHTS,
     ))
     peak = 0.0
     if extremes[0] <= extremes[1]:
@@ -101,9 +111,8 @@ def _measure_whole(
         ), extremes, settings.height)
     candidates = ask(
         'candidates', for_each(measure_candidates, frame, region, peak, settings),
-        extent, extremes, peak,
+        extent, extremes, peak, suffix=CANDIDATES,
     )
-    folder, num = run.work / TILES, settings.outliers.num_neighbors
     write_candidate_boxes(folder, candidates)
     spacings = ask('spacing', (
         Task(name=own['name'], function=measure_distances, arguments=(

@@ -8,6 +8,7 @@ import hashlib
 from itertools import pairwise
 import json
 import re
+import shutil
 
 from factories import make_inspection
 from grid.grids import GIGABYTES, inspect, make_line, open_run, ORIGIN, write_las
@@ -195,6 +196,29 @@ def test_values_of_the_whole_are_measured_to_the_end(step, cloud, tmp_path, monk
     runs = [json.loads((tmp_path / name / 'run.json').read_text()) for name in ('whole', 'out')]
     assert runs[0]['whole'] == runs[1]['whole']
     assert not list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
+
+
+@pytest.mark.parametrize('gone', ['work', 'work/cells/s000000_0000', 'coverage', 'labels'])
+def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
+    cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
+    folder = tmp_path / 'out'
+    inspect(folder, [cloud], **cut)
+    before = collect(folder)
+    if gone in ('coverage', 'labels'):
+        places = folder.glob({'coverage': 'tiles/*/coverage.json', 'labels': 'work/tiles/*.npz'}[
+            gone
+        ])
+        for path in list(places):
+            path.unlink()
+    else:
+        shutil.rmtree(folder / gone)
+    for path in folder.glob('tiles/*/points.laz'):
+        path.unlink()
+    summary, _ = inspect(folder, [cloud], **cut)
+    assert summary.failures == ()
+    np.testing.assert_array_equal(collect(folder), before)
+    for path in folder.glob('tiles/*/report.html'):
+        assert (path.parent / 'coverage.json').is_file()
 
 
 def test_heights_of_a_grid_are_those_of_the_whole(tmp_path):
