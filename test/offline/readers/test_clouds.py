@@ -1,6 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+import math
 from pathlib import Path
 import re
 import struct
@@ -188,6 +189,21 @@ def test_a_system_of_heights_alone_is_refused(tmp_path):
     path = write_las(tmp_path / 'cloud.las', make_points())
     with pytest.raises(DataError, match='is a system of heights alone'):
         read_cloud(path, 'EPSG:6360')
+
+
+@pytest.mark.parametrize(('place', 'value'), [
+    (131, 0.0), (139, math.nan), (147, math.inf), (155, math.nan), (171, -math.inf),
+])
+def test_steps_and_offsets_that_make_no_coordinates_are_refused(place, value, tmp_path):
+    path = write_las(tmp_path / 'cloud.las', make_points())
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<d', data, place, value)
+    path.write_bytes(data)
+    with pytest.raises(DataError, match='is damaged: by its header coordinates come in steps'):
+        read_cloud(path)
+    sources, (refusal,) = read_sources([path])
+    assert sources == []
+    assert 'in steps of' in refusal.error
 
 
 def test_degrees_are_refused(tmp_path):
