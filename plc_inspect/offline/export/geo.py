@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 import pyogrio
 import pyproj
-from pyproj.exceptions import ProjError
+from pyproj.exceptions import CRSError, ProjError
 import shapely
 
 from plc_inspect.colors import LOOKS
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.clouds import render_wkt
 from plc_inspect.offline.records.georeference import find_horizontal, find_whole
 from plc_inspect.offline.records.inspection import flatten, Inspection, Record, Units
 from plc_inspect.offline.records.sentences import find_measured
@@ -185,8 +186,27 @@ def write_layer(
             field_data=list(columns.values()),
             fields=np.array(list(columns), dtype=object),
             geometry_type='LineString Z' if layer in LINES else 'Point Z',
-            crs=crs, driver=driver, layer=layer, layer_options=options or None,
+            crs=name_system(crs), driver=driver, layer=layer, layer_options=options or None,
         )
+
+
+def name_system(crs: str) -> str:
+    """
+    Return the name of a CRS, as 'EPSG:2193', where it is that of its authority; else itself.
+
+    In WKT 1, which LAS needs, x is east also where the authority begins with north; GDAL takes
+    that for a system of another definition.
+    """
+    system = pyproj.CRS.from_user_input(crs)
+    own = system.to_json_dict().get('id')
+    if own is None:
+        return crs
+    try:
+        official = pyproj.CRS.from_authority(own['authority'], own['code'])
+    except CRSError:
+        return crs
+    is_official = pyproj.CRS.from_wkt(render_wkt(official)) == system
+    return f'{own["authority"]}:{own["code"]}' if is_official else crs
 
 
 @contextmanager

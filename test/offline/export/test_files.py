@@ -32,6 +32,7 @@ from plc_inspect.offline.commands.request import locate_flight
 from plc_inspect.offline.export.files import write_records
 from plc_inspect.offline.export.geo import write_layer
 from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.readers.clouds import render_wkt
 from plc_inspect.offline.records.georeference import make_origin_crs
 from plc_inspect.offline.records.inspection import describe_span, Units
 from plc_inspect.offline.records.span_curve import trace_span
@@ -251,6 +252,15 @@ def test_a_geopackage_keeps_the_vertical_system(tmp_path):
     for layer in ('spans', 'supports', 'hazards'):
         info = pyogrio.read_info(tmp_path / 'out/results.gpkg', layer=layer)
         assert pyproj.CRS(info['crs']).sub_crs_list[1].name == 'NAP height'
+
+
+def test_a_system_whose_axes_begin_with_north_keeps_its_number(tmp_path, capfd):
+    crs = render_wkt(pyproj.CRS('EPSG:2193'))
+    write_results(tmp_path / 'out', make_inspection(crs=crs, origin=(1.6e6, 5.5e6, 0.0)))
+    assert pyogrio.read_info(tmp_path / 'out/results.gpkg', layer='spans')['crs'] == 'EPSG:2193'
+    _, shapes, values = read(tmp_path / 'out/results.gpkg', 'supports')
+    assert shapes[0].x == values['position_x'][0] == pytest.approx(1.6e6, abs=1e3)
+    assert 'Warning' not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize('name', ['a!b', 'old.zip', 'http:x', 'a?b#c'])
