@@ -352,13 +352,15 @@ def _join_hazards(
                 continue
             span = final[place]
             along = hazard.along_span
+            support = support_numbers.get((tile, hazard.support_id), -1)
             found.append((tile, replace(
                 hazard,
                 line_id=span.line_id,
                 span_id=span.span_id,
                 along_span=span.length - along if place in turned else along,
                 other_line_id=every_line.get((tile, hazard.other_line_id), -1),
-                support_id=support_numbers.get((tile, hazard.support_id), -1),
+                support_id=support,
+                from_support=math.nan if support < 0 else hazard.from_support,
             )))
     found.sort(key=lambda item: (
         item[1].span_id, item[1].line_id, item[1].along_span, item[1].kind,

@@ -182,7 +182,8 @@ def choose_format(sources: Sequence[Source]) -> PointsFormat:
     Return the format of the points of all tiles.
 
     On each axis the resolution is the finest of the inputs, PLAIN_SCALE for those that state none,
-    and the offset is that of the first input with it.
+    and the offset is that of the first input with it.  GPS times are as in the first input with
+    times.
     """
     stated = [source for source in sources if all(scale > 0 for scale in source.scales)]
     grids = [list(zip(source.scales, source.offsets, strict=True)) for source in stated]
@@ -194,6 +195,7 @@ def choose_format(sources: Sequence[Source]) -> PointsFormat:
     return PointsFormat(
         crs=sources[0].crs, units=sources[0].units, scales=(x[0], y[0], z[0]),
         offsets=(x[1], y[1], z[1]), point_format=max(source.point_format for source in sources),
+        time_type=next((own.time_type for own in sources if own.time_type is not None), 0),
     )
 
 

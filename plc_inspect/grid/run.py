@@ -40,6 +40,7 @@ from plc_inspect.grid.cells.layout import (
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.engine import Engine, Outcome, Task
 from plc_inspect.grid.ledger import Ledger, make_key
+from plc_inspect.grid.tiles.plain_results import has_found
 from plc_inspect.grid.tiles.tile_job import (
     CELLS,
     render_whole,
@@ -194,6 +195,8 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
             keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
                                   reference.tolist(), low.tolist(), high.tolist(), STATISTICS,
                                   ATTRIBUTES.descr)
+            if not (folder / name).is_dir():  # removed, to save space
+                run.ledger.forget('cut', name)
     answers = run.run('cut', tasks, keys)
     for name, error in find_unusable(sources, answers).items():
         del answers[name]
@@ -343,7 +346,7 @@ def inspect_tiles(
 
     def render_key(name: str, answer: dict[str, Any]) -> str:
         tile = tiles[name]
-        if not (run.work / TILES / f'{name}.json').is_file():
+        if not has_found(run.work / TILES / name):
             return ''
         near = tile.cells(cut.grid, answer['halo'])
         first, last = np.searchsorted(cells, near), np.searchsorted(cells, near, side='right')

@@ -18,6 +18,7 @@ from plc_inspect.grid.run import GridRun
 from plc_inspect.grid.tiles.plain_results import plain
 from plc_inspect.grid.tiles.section_report import (
     bound,
+    COVERAGE,
     find_strips,
     remove_report,
     REPORT,
@@ -91,7 +92,7 @@ def write_reports(
             [run.ledger.find_task('tile', other.tile.name) for other, _ in tiles],
             [numbers for _, numbers in tiles], _describe(section),
         )
-        if not (folder / name / REPORT).is_file():
+        if not all((folder / name / own).is_file() for own in (REPORT, COVERAGE)):
             run.ledger.forget(STAGE, name)
     return run.run(STAGE, tasks, keys)
 

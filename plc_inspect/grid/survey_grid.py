@@ -147,6 +147,7 @@ def inspect_sources(
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
     notes = [
         *(source.note for source in sources if source.note), *cut.notes, *find_twins(held),
+        *question_times(held),
     ]
     return write_grid(run, sources, refusals, cut, jobs, answers, notes), jobs
 
@@ -163,6 +164,18 @@ def find_twins(sources: Sequence[Source]) -> list[str]:
                 ' bounds: if they are one tile, its points are counted twice; leave one out'
             )
     return notes
+
+
+def question_times(sources: Sequence[Source]) -> list[str]:
+    """Return a note where the GPS times of inputs are of two kinds."""
+    first = {source.time_type: source.path for source in reversed(sources)}
+    first.pop(None, None)
+    if len(first) < 2:
+        return []
+    return [
+        f'GPS times are seconds of the week in {first[0]}, and standard times in {first[1]}:'
+        ' points.laz holds both'
+    ]
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:

@@ -18,8 +18,10 @@ from plc_inspect.grid.engine import Task
 from plc_inspect.grid.ledger import make_key
 from plc_inspect.grid.run import CutGrid, GridRun
 from plc_inspect.grid.tiles.survey_whole import (
+    CANDIDATES,
     count_tile,
     find_peak,
+    HEIGHTS,
     join_bounds,
     join_extremes,
     join_spacing,
@@ -44,7 +46,7 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     Measure what the result of each tile depends on beyond its own points.
 
     Values of an earlier run with the same settings, CRS and units are kept, so that a changed
-    input changes only its own tiles.
+    input changes only its own tiles; not those of a run that failed to measure a tile.
     """
     settings = run.settings
     stages = [asdict(item) for item in (
@@ -57,9 +59,12 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     frame = derive_frame(cut.reference, cut.moments)
     if cut.strays:
         frame = _derive_without_strays(jobs, cut)
+    num_failures = len(run.failures)
     found = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
     whole = replace(found, probe_step=min(choose_step(cut.num_points), MOST_STEP))
-    run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
+    if len(run.failures) == num_failures:  # else the next run measures what is missing
+        remove_kept(run.work / TILES)
+        run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
     return whole
 
 
@@ -75,8 +80,15 @@ def _measure_whole(
 ) -> Whole:
     settings = run.settings
 
-    def ask(stage: str, tasks: Iterable[Task], *more: Any) -> list[dict[str, Any]]:
+    folder, num = run.work / TILES, settings.outliers.num_neighbors
+
+    def ask(
+        stage: str, tasks: Iterable[Task], *more: Any, suffix: str = ''
+    ) -> list[dict[str, Any]]:
         listed = list(tasks)
+        for task in listed:  # what it wrote may be gone
+            if suffix and not (folder / f'{task.name}{suffix}').is_file():
+                run.ledger.forget(stage, task.name)
         own = {task.name: make_key(key, task.name, more) for task in listed}
         answers = run.run(stage, listed, own)
         return [answers[task.name] for task in listed if task.name in answers]
@@ -89,7 +101,8 @@ def _measure_whole(
     extent = [(job.tile.first, job.tile.last) for job in jobs]
     region = join_bounds(ask('bounds', for_each(measure_bounds, frame), extent))
     extremes = join_extremes(ask(
-        'ground', for_each(measure_ground, frame, region, settings.height), extent
+        'ground', for_each(measure_ground, frame, region, settings.height), extent,
+        suffix=HEIGHTS,
     ))
     peak = 0.0
     if extremes[0] <= extremes[1]:
@@ -98,16 +111,14 @@ def _measure_whole(
         ), extremes, settings.height)
     candidates = ask(
         'candidates', for_each(measure_candidates, frame, region, peak, settings),
-        extent, extremes, peak,
+        extent, extremes, peak, suffix=CANDIDATES,
     )
-    folder, num = run.work / TILES, settings.outliers.num_neighbors
     write_candidate_boxes(folder, candidates)
     spacings = ask('spacing', (
         Task(name=own['name'], function=measure_distances, arguments=(
             str(folder), own['name'], num,
         )) for own in candidates
     ), make_key(candidates, num))
-    remove_kept(folder)
     spacing, anchor = join_spacing(spacings, candidates, num)
     return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing,
                  probe_step=1)

@@ -8,6 +8,7 @@ import struct
 from grid.formats import write_copc, write_xyz
 from grid.grids import inspect, make_line, ORIGIN, write_las
 import laspy
+from laspy.header import GpsTimeType
 import numpy as np
 import pytest
 
@@ -21,6 +22,7 @@ from plc_inspect.grid.tiles.tile_points import _put_attributes
 from plc_inspect.offline.export.points_file import describe_original, ORIGINAL
 
 COLOURS = ('red', 'green', 'blue', 'nir')
+STANDARD, WEEK = GpsTimeType.STANDARD, GpsTimeType.WEEK_TIME
 PLAIN = ('intensity', 'user_data', 'point_source_id', 'gps_time')
 
 
@@ -192,3 +194,25 @@ def test_tiles_have_the_attributes_of_a_single_survey(point_format, tmp_path):
     assert tile.point_format.id == point_format
     for name in set(las.point_format.dimension_names) - {'classification'}:
         np.testing.assert_array_equal(np.asarray(tile[name]), np.asarray(las[name]), name)
+
+
+def test_tiles_say_what_their_times_are(tmp_path):
+    line, other = make_line(1), make_line(1) + np.array([0.0, 500.0, 0.0])
+    paths = []
+    for name, points, kind in (('a.las', line, STANDARD), ('b.las', other, WEEK)):
+        las = laspy.convert(laspy.read(write_las(tmp_path / name, points)), point_format_id=6)
+        las.gps_time = np.arange(len(points)) * 1e-4
+        las.header.global_encoding.gps_time_type = kind
+        las.write(tmp_path / name)
+        paths.append(tmp_path / name)
+    text = write_xyz(tmp_path / 'c.xyz', line)
+    for number, (own, kind, is_told) in enumerate([
+        ([text, paths[0]], STANDARD, False), ([paths[1]], WEEK, False), (paths, STANDARD, True),
+    ]):
+        summary, _ = inspect(tmp_path / str(number), own, tile_edge=200.0)
+        assert any('GPS times are seconds' in note for note in summary.notes) == is_told
+        tiles = list(tmp_path.glob(f'{number}/tiles/*/points.laz'))
+        assert tiles
+        for path in tiles:
+            with laspy.open(path) as reader:
+                assert reader.header.global_encoding.gps_time_type == kind

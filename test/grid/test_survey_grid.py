@@ -3,10 +3,12 @@
 
 """A grid finds what one run over all of its points finds, wherever it is cut."""
 
+import errno
 import hashlib
 from itertools import pairwise
 import json
 import re
+import shutil
 
 from factories import make_inspection
 from grid.grids import GIGABYTES, inspect, make_line, open_run, ORIGIN, write_las
@@ -25,6 +27,7 @@ from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
+from plc_inspect.grid import whole_values
 from plc_inspect.grid.engine import OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.readers.clouds import read_cloud
@@ -170,6 +173,52 @@ def test_the_usual_distance_of_candidates_is_that_of_the_whole(tmp_path):
     found = find_lines(own, Settings(), StageLog(None), frame.east).outliers
     assert whole['spacing'] == pytest.approx([found.mean, found.sigma], rel=1e-9)
     assert not list((tmp_path / 'out' / 'work').glob('**/*candidates*'))
+
+
+@pytest.mark.parametrize('step', ['measure_bounds', 'measure_ground', 'measure_candidates'])
+def test_values_of_the_whole_are_measured_to_the_end(step, cloud, tmp_path, monkeypatch):
+    """Not kept from a run that failed at a tile, as on a full disk."""
+    cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
+    inspect(tmp_path / 'whole', [cloud], **cut)
+    measure, failed = getattr(whole_values, step), []
+
+    def fail_once(job, *more):
+        if failed:
+            return measure(job, *more)
+        failed.append(job.tile.name)
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(whole_values, step, fail_once)
+    first, _ = inspect(tmp_path / 'out', [cloud], **cut)
+    assert any('No space left' in error for *_, error in first.failures)
+    second, _ = inspect(tmp_path / 'out', [cloud], **cut)
+    assert second.failures == ()
+    runs = [json.loads((tmp_path / name / 'run.json').read_text()) for name in ('whole', 'out')]
+    assert runs[0]['whole'] == runs[1]['whole']
+    assert not list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
+
+
+@pytest.mark.parametrize('gone', ['work', 'work/cells/s000000_0000', 'coverage', 'labels'])
+def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
+    cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
+    folder = tmp_path / 'out'
+    inspect(folder, [cloud], **cut)
+    before = collect(folder)
+    if gone in ('coverage', 'labels'):
+        places = folder.glob({'coverage': 'tiles/*/coverage.json', 'labels': 'work/tiles/*.npz'}[
+            gone
+        ])
+        for path in list(places):
+            path.unlink()
+    else:
+        shutil.rmtree(folder / gone)
+    for path in folder.glob('tiles/*/points.laz'):
+        path.unlink()
+    summary, _ = inspect(folder, [cloud], **cut)
+    assert summary.failures == ()
+    np.testing.assert_array_equal(collect(folder), before)
+    for path in folder.glob('tiles/*/report.html'):
+        assert (path.parent / 'coverage.json').is_file()
 
 
 def test_heights_of_a_grid_are_those_of_the_whole(tmp_path):

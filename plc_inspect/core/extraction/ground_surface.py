@@ -134,8 +134,10 @@ def measure_surface(
 def _lay_out(low: Float64, high: Float64, region: Float64, cell: float) -> None:
     """Widen the bounds of a part so that its cells and blocks coincide with those of the whole."""
     first = np.floor(region[0, :2] / cell) * cell
-    blocks = np.floor((low[:2] - EDGE - first) / (BLOCK_CELLS * cell))
-    low[:2] = first + np.maximum(blocks, 0.0) * BLOCK_CELLS * cell
+    size = BLOCK_CELLS * cell
+    blocks, own = np.floor((low[:2] - EDGE - first) / size), np.floor((low[:2] - first) / size)
+    # points that came after the whole was measured may lie before its first cell
+    low[:2] = first + np.maximum(blocks, np.minimum(own, 0.0)) * size
     low[2] = region[0, 2]
     high[:2] = np.minimum(
         np.maximum(high[:2] + EDGE, low[:2]), np.maximum(region[1, :2], high[:2])

@@ -201,10 +201,12 @@ def _find_asset(assets: dict[str, Any]) -> Any:
 def _read_table(path: Path) -> list[dict[str, Any]]:
     import pyogrio
 
+    from plc_inspect.offline.export.geo import name_plainly
+
     try:
-        with warnings.catch_warnings():  # the error says as much
-            warnings.simplefilter('ignore', RuntimeWarning)
-            head, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
+        with warnings.catch_warnings(), name_plainly(path) as place:
+            warnings.simplefilter('ignore', RuntimeWarning)  # the error says as much
+            head, _, _, columns = pyogrio.raw.read(place, read_geometry=False)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
         raise DataError(f'{path} is not a tile index: {make_one_line(error)}') from error
     return [dict(zip(head['fields'], row, strict=True)) for row in zip(*columns, strict=True)]

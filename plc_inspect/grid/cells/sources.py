@@ -55,6 +55,8 @@ class Source:
     """It is a COPC file, whose index finds its parts."""
     point_format: int = 6
     """That of LAS 1.4 which holds its attributes: 6, 7 with colours, 8 with near infrared."""
+    time_type: int | None = None
+    """Of its GPS times in LAS: 0 seconds of the week, 1 standard time; None where it has none."""
     note: str = ''
     """Assumptions about its coordinates, '' if none."""
 
@@ -123,7 +125,7 @@ def _read_source(
     given: tuple[str, tuple[float, float]] | None,
     known: dict[bytes, tuple[str, tuple[float, float]]],
 ) -> Source:
-    stat, is_indexed, point_format = path.stat(), False, 6
+    stat, is_indexed, point_format, time_type = path.stat(), False, 6, None
     if is_plain(path):
         num, low, high = _measure_plain(path)
         wkt, units = given or _find_plain_system(path)
@@ -145,12 +147,14 @@ def _read_source(
         is_indexed = is_copc(header)
         names = set(header.point_format.dimension_names)
         point_format = 8 if 'nir' in names else 7 if 'red' in names else 6
+        if 'gps_time' in names:
+            time_type = int(header.global_encoding.gps_time_type)
         scales, offsets = np.array(header.scales), np.array(header.offsets)
     return Source(
         path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
         crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
         size=stat.st_size, changed=stat.st_mtime_ns, is_indexed=is_indexed,
-        point_format=point_format,
+        point_format=point_format, time_type=time_type,
     )
 
 

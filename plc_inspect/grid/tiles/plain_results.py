@@ -128,6 +128,11 @@ def write_found(
     aside.rename(f'{place}.json')
 
 
+def has_found(place: Path) -> bool:
+    """Tell whether the files of `write_found` for a tile are there."""
+    return all(Path(f'{place}{suffix}').is_file() for suffix in ('.json', '.labels.npz'))
+
+
 def read_found(place: Path, number: int) -> FoundTile:
     """Read the results that `write_found` wrote for a tile."""
     value = json.loads(Path(f'{place}.json').read_text(encoding='utf-8'))

@@ -29,7 +29,8 @@ from plc_inspect.results import Bool, Float64, Hazard, InspectionResult, Span, S
 from plc_inspect.whole_files import replace_file
 
 REPORT = 'report.html'
-VIEWS = ('coverage.json', 'coverage.geojson', 'refly.geojson', 'refly.plan')
+COVERAGE = 'coverage.json'
+VIEWS = (COVERAGE, 'coverage.geojson', 'refly.geojson', 'refly.plan')
 """Files beside a report, of which the last three need a coordinate reference system."""
 REACH = 40.0
 """
@@ -177,7 +178,7 @@ def write_section_report(
     remove_report(place)
     sight = review_coverage(inspection, section.others)
     record = describe_coverage(sight, section.units)
-    write_json(place / VIEWS[0], describe_frame(inspection) | record)
+    write_json(place / COVERAGE, describe_frame(inspection) | record)
     write_coverage_views(place, inspection, sight)
     if (plan := make_plan(inspection, sight)) is not None:
         write_json(place / VIEWS[-1], plan)

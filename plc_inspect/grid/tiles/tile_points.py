@@ -41,6 +41,8 @@ class PointsFormat:
     """Wanted; a tile too far from them has its own."""
     point_format: int
     """6, 7 with colours, or 8 with near infrared too."""
+    time_type: int
+    """Of GPS times: 0 seconds of the week, 1 standard time."""
 
 
 def write_tile_points(
@@ -81,6 +83,7 @@ def write_tile_points(
     header.offsets, header.scales = lay_grid(
         low / units, high / units, np.array(form.scales), np.array(form.offsets)
     )
+    header.global_encoding.gps_time_type = laspy.header.GpsTimeType(form.time_type)
     header.creation_date = None  # the same points give the same bytes on any day
     header.add_extra_dims([describe_original()])
     finish_header(header, form.crs)

@@ -145,7 +145,7 @@ def run_grid(
         print(make_one_line(f'plc_survey: {what}{error}'), file=sys.stderr)
     if summary.failures:
         print(
-            f'plc_survey: {len(summary.failures)} failed, their points are missing in the results',
+            f'plc_survey: {len(summary.failures)} failed: the results lack what they would add',
             file=sys.stderr,
         )
         return DEFECT if summary.num_defects else BAD_INPUT

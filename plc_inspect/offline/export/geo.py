@@ -3,8 +3,10 @@
 
 """GeoJSON, KML and GeoPackage of a run whose coordinate reference system is known."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 import math
+import os
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree  # nosec B405
@@ -13,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 import pyogrio
 import pyproj
-from pyproj.exceptions import ProjError
+from pyproj.exceptions import CRSError, ProjError
 import shapely
 
 from plc_inspect.colors import LOOKS
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.clouds import render_wkt
 from plc_inspect.offline.records.georeference import find_horizontal, find_whole
 from plc_inspect.offline.records.inspection import flatten, Inspection, Record, Units
 from plc_inspect.offline.records.sentences import find_measured
@@ -175,15 +178,48 @@ def write_layer(
 ) -> None:
     """Add a layer to a file."""
     columns = _columns(rows)
-    pyogrio.raw.write(
-        path,
-        geometry=np.array([shapely.to_wkb(shape, output_dimension=3) for shape in shapes],
-                          dtype=object),
-        field_data=list(columns.values()),
-        fields=np.array(list(columns), dtype=object),
-        geometry_type='LineString Z' if layer in LINES else 'Point Z',
-        crs=crs, driver=driver, layer=layer, layer_options=options or None,
-    )
+    with name_plainly(path) as place:
+        pyogrio.raw.write(
+            place,
+            geometry=np.array([shapely.to_wkb(shape, output_dimension=3) for shape in shapes],
+                              dtype=object),
+            field_data=list(columns.values()),
+            fields=np.array(list(columns), dtype=object),
+            geometry_type='LineString Z' if layer in LINES else 'Point Z',
+            crs=name_system(crs), driver=driver, layer=layer, layer_options=options or None,
+        )
+
+
+def name_system(crs: str) -> str:
+    """
+    Return the name of a CRS, as 'EPSG:2193', where it is that of its authority; else itself.
+
+    In WKT 1, which LAS needs, x is east also where the authority begins with north; GDAL takes
+    that for a system of another definition.
+    """
+    system = pyproj.CRS.from_user_input(crs)
+    own = system.to_json_dict().get('id')
+    if own is None:
+        return crs
+    try:
+        official = pyproj.CRS.from_authority(own['authority'], own['code'])
+    except CRSError:
+        return crs
+    is_official = pyproj.CRS.from_wkt(render_wkt(official)) == system
+    return f'{own["authority"]}:{own["code"]}' if is_official else crs
+
+
+@contextmanager
+def name_plainly(path: Path) -> Iterator[str]:
+    """Yield a name of a file that pyogrio takes for one; what is before '!' were an archive."""
+    if '!' not in str(path.absolute()):
+        yield str(path.absolute())
+        return
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f'/proc/self/fd/{folder}/{path.name}'
+    finally:
+        os.close(folder)
 
 
 def _columns(rows: Sequence[Record]) -> dict[str, NDArray[Any]]:
@@ -218,13 +254,14 @@ def _write_kml(
             name, text = _describe(layer, row, units)
             names.append(name)
             texts.append(text)
-    pyogrio.raw.write(
-        path, geometry=np.array(shapes, dtype=object),
-        field_data=[np.array(names, dtype=object), np.array(texts, dtype=object)],
-        fields=np.array(['Name', 'Description'], dtype=object), geometry_type='Unknown',
-        crs='EPSG:4326', driver='KML', layer='results',
-        dataset_options={'AltitudeMode': 'absolute'},
-    )
+    with name_plainly(path) as place:
+        pyogrio.raw.write(
+            place, geometry=np.array(shapes, dtype=object),
+            field_data=[np.array(names, dtype=object), np.array(texts, dtype=object)],
+            fields=np.array(['Name', 'Description'], dtype=object), geometry_type='Unknown',
+            crs='EPSG:4326', driver='KML', layer='results',
+            dataset_options={'AltitudeMode': 'absolute'},
+        )
     _color_kml(path, [row['severity'] for row in layers['hazards'][1]])
 
 

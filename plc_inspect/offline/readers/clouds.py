@@ -51,6 +51,18 @@ Relative difference up to which two units are the same.
 Source: derived: the two feet differ by 2e-6, which no length of a line shows.
 """
 
+_ROUNDING = 1e-9
+"""
+Difference up to which two units are one, written with more or fewer digits [m].
+Source: numerical: WKT of a foot has 12 digits; the two feet differ by 6e-7.
+"""
+UNKNOWN_DATUM = 'unknown'
+_HEIGHTS = (
+    f'VERT_CS["heights",VERT_DATUM["{UNKNOWN_DATUM}",2005],UNIT["of z",{{unit!r}}],'
+    'AXIS["Up",UP]]'
+)
+"""Heights of which the unit alone is known, as WKT."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cloud:
@@ -272,10 +284,18 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
         horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
         return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
     system = _add_vertical(system, header, keys.get(_VERTICAL_UNIT_KEY))
-    horizontal, vertical = measure_units(system, path)
-    if len(system.axis_info) < 3:
-        vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
-    return render_wkt(system), (horizontal, vertical)
+    units = measure_units(system, path)
+    unit = keys.get(_VERTICAL_UNIT_KEY, units[1])
+    if len(system.axis_info) == 2 and abs(unit - units[1]) > _ROUNDING:
+        # what is written holds the system, not the keys
+        system, units = add_heights(system, unit), (units[0], unit)
+    return render_wkt(system), units
+
+
+def add_heights(system: pyproj.CRS, unit: float) -> pyproj.CRS:
+    """Return a horizontal CRS with heights of which the unit alone is known [m]."""
+    heights = pyproj.CRS.from_wkt(_HEIGHTS.format(unit=unit))
+    return CompoundCRS(f'{system.name} + {heights.name}', [system, heights])
 
 
 def _check_keys(system: pyproj.CRS, header: laspy.LasHeader, path: Path) -> None:
@@ -315,7 +335,7 @@ def _add_vertical(
         if not heights.is_vertical:
             return system
         metres = heights.axis_info[0].unit_conversion_factor
-        if unit is not None and abs(metres - unit) > 1e-9:
+        if unit is not None and abs(metres - unit) > _ROUNDING:
             return system
         return CompoundCRS(f'{system.name} + {heights.name}', [system, heights])
     except CRSError:  # a user's own, or the number of a datum
@@ -350,6 +370,8 @@ def measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
         )
     flat = [axis for axis in system.axis_info if axis.direction != 'up']
     up = [axis for axis in system.axis_info if axis.direction == 'up']
+    if up and not flat:
+        raise DataError(f'{path}: {system.name} is a system of heights alone: give a whole one')
     horizontal = float(flat[0].unit_conversion_factor) if flat else 1.0
     vertical = float(up[0].unit_conversion_factor) if up else horizontal
     return horizontal, vertical

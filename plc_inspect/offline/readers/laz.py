@@ -69,6 +69,7 @@ def open_checked(path: Path) -> Iterator[laspy.LasReader]:
         _check_records(path)
         with open_las(path) as reader:
             _check_count(path, reader.header)  # before there is room made for what it counts
+            _check_steps(path, reader.header)
             yield reader
     except DataError:
         raise
@@ -161,6 +162,16 @@ def _check_count(path: Path, header: laspy.LasHeader) -> None:
         raise DataError(
             f'{path} holds {held} points and its header counts {counted}:'
             ' which is right? Write the file again'
+        )
+
+
+def _check_steps(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse steps and offsets with which all coordinates of an axis are one, or no numbers."""
+    steps, offsets = np.array(header.scales), np.array(header.offsets)
+    if header.point_count and not (steps.all() and np.isfinite([steps, offsets]).all()):
+        raise DataError(
+            f'{path} is damaged: by its header coordinates come in steps of'
+            f' {steps.tolist()} from {offsets.tolist()}'
         )
 
 

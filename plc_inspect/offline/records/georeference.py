@@ -9,6 +9,7 @@ import pyproj
 from pyproj.exceptions import CRSError
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.offline.readers.clouds import UNKNOWN_DATUM
 from plc_inspect.offline.records.inspection import Inspection
 
 
@@ -88,7 +89,9 @@ def find_height_datum(inspection: Inspection) -> HeightDatum:
     except CRSError:
         return HeightDatum.UNKNOWN
     if system.is_compound:
-        return HeightDatum.SEA
+        datum = system.sub_crs_list[-1].datum
+        is_unknown = datum is not None and datum.name == UNKNOWN_DATUM
+        return HeightDatum.UNKNOWN if is_unknown else HeightDatum.SEA
     return HeightDatum.UNKNOWN if len(system.axis_info) < 3 else HeightDatum.ELLIPSOID
 
 

@@ -261,6 +261,16 @@ def test_heights_in_a_part_are_those_in_the_whole_to_the_bit():
     np.testing.assert_array_equal(part, whole)
 
 
+@pytest.mark.parametrize('axis', [0, 1])
+def test_ground_that_came_after_the_whole_was_measured_lies_at_its_height(axis):
+    """It may lie before the first cell of the whole."""
+    points = make_ground((0, 0), (600, 600), height=lambda x, y: 0.2 * (x, y)[axis])
+    late = points[points[:, axis] < 200.0]
+    region = np.array([[300.0, 300.0, 60.0], [600.0, 600.0, 120.0]])
+    surface = measure_surface(late, SETTINGS, region=region)
+    assert np.abs(surface.height).max() < 1.0
+
+
 def test_what_lies_along_a_conductor_is_high_where_no_ground_was_seen():
     """Over a valley that was not seen, the ground filled in between its sides is too high."""
     sides = make_ground((0, 0), (120, 90), height=lambda x, y: 0.0 * x + 12.0)

@@ -62,7 +62,7 @@ def test_a_folder_is_a_grid_and_a_damaged_tile_is_told(folder, tmp_path, capsys)
     assert main([str(tmp_path / 'tiles'), '-o', str(out), *OPTIONS]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert 'c.las is truncated: its header counts 500 points' in lines[0]
-    assert lines[1] == 'plc_survey: 1 failed, their points are missing in the results'
+    assert lines[1] == 'plc_survey: 1 failed: the results lack what they would add'
     run = json.loads((out / 'run.json').read_text())
     assert (run['num_lines'], run['num_spans']) == (3, 3)
     assert 'c.las' in (out / 'index.html').read_text()
@@ -546,7 +546,7 @@ def test_an_error_names_its_file_once(folder, tmp_path, capsys):
     assert main([str(folder / 'a.laz'), str(text), '-o', str(out), *OPTIONS]) == 2
     assert capsys.readouterr().err.splitlines() == [
         f"plc_survey: {text}, row 1: 'hello' is not a number: 1.0 hello 3.0",
-        'plc_survey: 1 failed, their points are missing in the results',
+        'plc_survey: 1 failed: the results lack what they would add',
     ]
 
 
@@ -660,7 +660,10 @@ def test_grids_are_compared(tmp_path, capsys):
     far = write_las(tmp_path / 'far.las', points + 900.0, 'EPSG:25832')
     assert main([str(far), '-o', str(tmp_path / 'far'), *OPTIONS,
                  '--baseline', str(tmp_path / 'before')]) == 2
-    assert 'do not overlap: none of 6 spans before is one of 6 after' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert 'do not overlap: none of 6 spans before is one of 6 after' in said
+    assert 'points are missing' not in said
+    assert 'Not inspected' not in (tmp_path / 'far' / 'index.html').read_text()
     other = write_las(tmp_path / 'other.las', points, 'EPSG:25833')
     line = refuse(capsys, other, '-o', tmp_path / 'other', *OPTIONS,
                   '--baseline', tmp_path / 'before')

@@ -13,6 +13,7 @@ import pytest
 
 from plc_inspect.core.coverage.coverage import Part
 from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.readers.clouds import add_heights
 from plc_inspect.offline.records.coverage_record import (
     describe_coverage,
     ENOUGH,
@@ -127,10 +128,12 @@ def test_plan_and_layers_are_where_the_waypoints_are(run, folder):
     ('EPSG:25833+5783', True, 'refly.geojson, refly.plan.'),
     ('EPSG:25833', True, 'refly.plan. The latter takes the heights for altitudes above the sea'),
     ('EPSG:25833 3D', False, 'There is no refly.plan'),
+    ('EPSG:25833 feet', True, 'which the reference system does not say: check them'),
 ])
 def test_plan_only_where_heights_may_be_above_the_sea(run, tmp_path, name, has_plan, words):
-    system = pyproj.CRS(name.removesuffix(' 3D'))
+    system = pyproj.CRS(name.partition(' ')[0])
     system = system.to_3d() if name.endswith('3D') else system
+    system = add_heights(system, 0.3048) if name.endswith('feet') else system
     write_results(tmp_path / 'out', replace(run, crs=system.to_wkt()))
     assert (tmp_path / 'out/refly.plan').exists() == has_plan
     assert (tmp_path / 'out/refly.geojson').exists()

@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import json
 import os
+from pathlib import Path
 import re
 import shutil
 import subprocess
@@ -24,11 +25,14 @@ import shapely
 
 from plc_inspect.colors import parse_color, severity_color
 from plc_inspect.errors import ConfigError
+from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.messages import rows as layouts
 from plc_inspect.messages.rows import read_rows
 from plc_inspect.offline.commands.request import locate_flight
 from plc_inspect.offline.export.files import write_records
+from plc_inspect.offline.export.geo import write_layer
 from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.readers.clouds import render_wkt
 from plc_inspect.offline.records.georeference import make_origin_crs
 from plc_inspect.offline.records.inspection import describe_span, Units
 from plc_inspect.offline.records.span_curve import trace_span
@@ -248,6 +252,36 @@ def test_a_geopackage_keeps_the_vertical_system(tmp_path):
     for layer in ('spans', 'supports', 'hazards'):
         info = pyogrio.read_info(tmp_path / 'out/results.gpkg', layer=layer)
         assert pyproj.CRS(info['crs']).sub_crs_list[1].name == 'NAP height'
+
+
+def test_a_system_whose_axes_begin_with_north_keeps_its_number(tmp_path, capfd):
+    crs = render_wkt(pyproj.CRS('EPSG:2193'))
+    write_results(tmp_path / 'out', make_inspection(crs=crs, origin=(1.6e6, 5.5e6, 0.0)))
+    assert pyogrio.read_info(tmp_path / 'out/results.gpkg', layer='spans')['crs'] == 'EPSG:2193'
+    _, shapes, values = read(tmp_path / 'out/results.gpkg', 'supports')
+    assert shapes[0].x == values['position_x'][0] == pytest.approx(1.6e6, abs=1e3)
+    assert 'Warning' not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['a!b', 'old.zip', 'http:x', 'a?b#c'])
+def test_folders_are_no_archives_or_addresses(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    crs = pyproj.CRS('EPSG:25832').to_wkt()
+    write_results(Path(name), make_inspection(crs=crs, origin=(5e5, 5.7e6, 0.0)))
+    Path(name).rename('plain')
+    assert len(read('plain/results.gpkg', 'hazards')[1]) == 1
+    for own in ('spans.geojson', 'results.kml', 'refly.geojson'):
+        assert (tmp_path / 'plain' / own).is_file()
+
+
+def test_an_index_may_lie_in_a_folder_of_any_name(tmp_path):
+    place, tile = tmp_path / 'index.gpkg', tmp_path / 'a!b' / 'tile.las'
+    write_layer(place, 'GPKG', 'tiles', [shapely.Point(0, 0, 0)], [{'location': tile.name}],
+                'EPSG:25832')
+    tile.parent.mkdir()
+    tile.touch()
+    place.rename(tile.with_name(place.name))
+    assert expand_inputs([str(tile.with_name(place.name))]) == [tile]
 
 
 def test_supports_as_a_table(folder):

@@ -1,6 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+import math
 from pathlib import Path
 import re
 import struct
@@ -15,6 +16,7 @@ import pytest
 
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.grid.cells.sources import read_sources
+from plc_inspect.grid.survey_grid import check_together
 from plc_inspect.offline.readers.clouds import read_cloud
 
 REAL = Path(__file__).parents[4] / 'shared' / 'data' / 'real'
@@ -159,6 +161,8 @@ def test_a_unit_of_z_alone_is_told(tmp_path):
     ([(3072, 2992), (4096, 6360), (4099, 9003)], 'NAVD88 height (ftUS)', (0.3048, US_FOOT)),
     ([(3072, 2992), (4096, 5703), (4099, 9002)], '', (0.3048, 0.3048)),  # they disagree
     ([(3072, 2992), (4096, 5103)], '', (0.3048, 0.3048)),  # the number of a datum
+    ([(3072, 25832), (4099, 9002)], 'heights', (1.0, 0.3048)),  # a unit without a system
+    ([(3072, 25832), (4096, 5703), (4099, 9003)], 'heights', (1.0, US_FOOT)),
 ])
 def test_the_vertical_system_of_geotiff_keys(keys, heights, units, tmp_path):
     header = laspy.LasHeader(point_format=1, version='1.2')
@@ -168,6 +172,38 @@ def test_the_vertical_system_of_geotiff_keys(keys, heights, units, tmp_path):
     assert cloud.metres_per_unit == pytest.approx(units, rel=1e-12)
     parts = pyproj.CRS(cloud.crs).sub_crs_list
     assert [part.name for part in parts[1:]] == ([heights] if heights else [])
+    again = read_cloud(write_las(tmp_path / 'again.laz', make_points(), crs=cloud.crs))
+    assert again.metres_per_unit == pytest.approx(units, rel=1e-12)
+
+
+def test_keys_and_wkt_of_one_system_are_one(tmp_path):
+    keys = write_keys(tmp_path / 'keys.las', (3072, 2264), (4099, 9003))
+    wkt = write_las(tmp_path / 'wkt.las', make_points(), crs='EPSG:2264')
+    sources, refusals = read_sources([keys, wkt])
+    assert refusals == []
+    check_together(sources, refusals)
+    assert sources[0].units == sources[1].units == pytest.approx((US_FOOT, US_FOOT))
+
+
+def test_a_system_of_heights_alone_is_refused(tmp_path):
+    path = write_las(tmp_path / 'cloud.las', make_points())
+    with pytest.raises(DataError, match='is a system of heights alone'):
+        read_cloud(path, 'EPSG:6360')
+
+
+@pytest.mark.parametrize(('place', 'value'), [
+    (131, 0.0), (139, math.nan), (147, math.inf), (155, math.nan), (171, -math.inf),
+])
+def test_steps_and_offsets_that_make_no_coordinates_are_refused(place, value, tmp_path):
+    path = write_las(tmp_path / 'cloud.las', make_points())
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<d', data, place, value)
+    path.write_bytes(data)
+    with pytest.raises(DataError, match='is damaged: by its header coordinates come in steps'):
+        read_cloud(path)
+    sources, (refusal,) = read_sources([path])
+    assert sources == []
+    assert 'in steps of' in refusal.error
 
 
 def test_degrees_are_refused(tmp_path):
