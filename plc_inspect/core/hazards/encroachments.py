@@ -302,7 +302,7 @@ def _describe(
     if offends.sum() < settings.min_points:
         return None
     near, found = near.take(offends), found.take(offends)
-    worst = choose_worst(found.rank(), near.distance, near.owner, models)
+    worst = choose_worst(near.points, found.rank(), near.distance, near.owner, models)
     limit, value = found.limits[int(found.limit[worst])], float(found.value[worst])
     model = models[int(found.owner[worst])]
     position = near.points[worst]

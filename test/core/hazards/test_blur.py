@@ -52,13 +52,16 @@ def test_its_reach():
     assert measure_reach(blurred) > 0.4
 
 
+APART = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
+
+
 def test_a_hazard_rests_on_what_cannot_be_the_conductor():
     model = make(0.0)
     owner = np.zeros(3, dtype=np.int64)
     share = np.array([0.1, 0.3, 0.2])
-    assert choose_worst(share, np.array([0.3, 0.9, 0.8]), owner, [model]) == 2
-    assert choose_worst(share, np.array([0.4, 0.9, 0.8]), owner, [model]) == 0
-    assert choose_worst(share, np.array([0.3, 0.3, 0.2]), owner, [model]) == 0
+    assert choose_worst(APART, share, np.array([0.3, 0.9, 0.8]), owner, [model]) == 2
+    assert choose_worst(APART, share, np.array([0.4, 0.9, 0.8]), owner, [model]) == 0
+    assert choose_worst(APART, share, np.array([0.3, 0.3, 0.2]), owner, [model]) == 0
 
 
 def test_bundles_are_as_near_as_their_tolerance():
@@ -74,7 +77,31 @@ def test_a_few_points_close_to_a_conductor_may_be_its_own(num, first):
     model = make_model(START, END, points=make_wire(START, END, 800.0, noise=0.02))
     assert measure_reach(model) < 0.2
     distance = np.concatenate([np.full(num, 0.25), [0.7, 0.9]])
-    worst = choose_worst(distance / 4.0, distance, np.zeros(len(distance), np.int64), [model])
+    points, owner = np.zeros((len(distance), 3)), np.zeros(len(distance), np.int64)
+    worst = choose_worst(points, distance / 4.0, distance, owner, [model])
     assert distance[worst] == (0.25 if first else 0.7)
     alone = np.full(num, 0.25)
-    assert choose_worst(alone, alone, np.zeros(num, np.int64), [model]) == 0
+    assert choose_worst(np.zeros((num, 3)), alone, alone, np.zeros(num, np.int64), [model]) == 0
+
+
+@pytest.mark.parametrize(('num', 'stray'), [(1, True), (10, True), (25, False)])
+def test_a_hazard_does_not_rest_on_strays_above_a_dense_crown(num, stray):
+    model, rng = make(0.0), np.random.default_rng(4)
+    crown = rng.uniform(0.0, 1.0, (500, 3))
+    above = rng.uniform(0.0, 0.3, (num, 3)) + np.array([0.5, 0.5, 2.5])
+    points = np.vstack([crown, above])
+    distance = 4.0 - points[:, 2]
+    worst = choose_worst(
+        points, distance / 4.0, distance, np.zeros(len(points), np.int64), [model]
+    )
+    assert worst == int(np.argmin(distance[:500] if stray else distance))
+
+
+def test_the_tip_of_a_sparse_tree_is_no_stray():
+    model = make(0.0)
+    points = np.column_stack([np.zeros(9), np.zeros(9), np.linspace(0.0, 3.0, 9)])
+    points = np.vstack([points, np.random.default_rng(5).uniform(-0.9, 0.0, (24, 3))])
+    distance = 4.0 - points[:, 2]
+    assert choose_worst(
+        points, distance / 4.0, distance, np.zeros(len(points), np.int64), [model]
+    ) == 8
