@@ -175,7 +175,7 @@ def judge_curves(
     ]
     if unsure:
         found, _ = find_curves(points, index, searches.look_again(unsure), settings, rng)
-        judge.add(judge.try_more(_keep_new(points, found, settings, judge.believed)))
+        judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
     if believed := judge.believed:
         tracks = searches.look_beside(believed, judge.rejected)
         found, _ = find_curves(points, index, tracks, settings, rng)

@@ -197,6 +197,18 @@ class Judge:
             if not item[1].objection
         ]
 
+    def try_again(self, curves: Sequence[Curve]) -> list[tuple[Curve, Verdict]]:
+        """
+        Judge curves of places that were searched already; return those that are conductors.
+
+        Looked at twice, what is straight has two chances to seem free: only a proven sag, or a
+        conductor beside, is evidence then.
+        """
+        return [
+            (curve, verdict) for curve, verdict in self.try_more(curves)
+            if verdict.beside or prove_sag(curve, self._settings) == 1.0
+        ]
+
     def add(self, more: Sequence[tuple[Curve, Verdict]]) -> None:
         """Take more conductors with what is believed of them; longest curves stay first."""
         if not more:

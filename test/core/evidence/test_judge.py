@@ -191,6 +191,18 @@ def test_what_was_believed_is_a_stay_once_another_one_is_seen(last, expected):
     assert [verdict.objection for verdict in found.verdicts] == [expected]
 
 
+def test_what_is_searched_again_needs_a_proven_sag_or_a_conductor_beside():
+    bar, wire = make_bar(12.0, 12.0), make(y=20.0)
+    points = np.vstack([bar, wire])
+    ends = np.cumsum([0, len(bar), len(wire)])
+    curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
+    found = Judge(points, make_index(points), make_sight(points), [], CatenarySettings())
+    assert [curve for curve, _ in found.try_more(curves[:1])] == curves[:1]
+    assert found.try_again(curves[:1]) == []
+    assert [curve for curve, _ in found.try_again(curves[1:2])] == curves[1:2]
+    assert [curve for curve, _ in found.try_again(curves[:2])] == curves[1:2]
+
+
 def test_a_proven_sag_is_believed_whatever_is_built_below():
     wire = make(length=60.0, c=150.0)
     rng = np.random.default_rng(8)
