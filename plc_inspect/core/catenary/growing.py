@@ -74,8 +74,12 @@ bend is that of `span_model.MAP_SIGMA`.
 """
 LEAST_NOISE = 0.015
 """Scatter of the points of a conductor, at least [m].  Source: ranges of the best scanners."""
-MAX_ROUNDS = 8
-"""Times that a curve grows at its ends, at most.  Source: numerical: a bound of time."""
+FEW_ROUNDS, MAX_ROUNDS = 8, 64
+"""
+Times that a curve grows at its ends, at most: one shorter than OWNER_LENGTH, and any other.
+Source: judgement: a short piece of something else does not become a line; numerical: a conductor
+grows by ``max_step`` a time, so that a span of 500 m is reached from its middle or an end.
+"""
 NUM_REACHES = 13
 """
 Reaches beyond an end that are tried, from none to ``max_step``.
@@ -234,7 +238,7 @@ def _extend(  # type: ignore[no-untyped-def]
     is_barred = np.zeros(num_curves, dtype=np.bool_)
     is_barred[barred] = True
     longest = max_step
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MAX_ROUNDS if row[HIGH] - row[LOW] >= OWNER_LENGTH else FEW_ROUNDS):
         # bins along the curve and as far beyond as it is known
         allowed, reach = math.ceil(longest / STEP), _sure_reach(row, longest)
         first = row[LOW] - reach

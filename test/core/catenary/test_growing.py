@@ -30,6 +30,13 @@ def test_a_curve_grows_to_the_ends_of_its_wire_and_no_farther(degrees):
     assert len(grown.points) > 0.98 * len(wire)
 
 
+def test_a_curve_grows_to_the_ends_of_a_long_span():
+    wire = make_line(length=400.0)
+    start = np.flatnonzero(wire[:, 0] < 120.0)
+    grown = extend(wire, make_index(wire), [make_curve(wire, start)], SETTINGS)[0]
+    assert grown.length == pytest.approx(400.0, abs=0.5)
+
+
 def test_growth_steps_over_short_gaps_and_stops_at_long_ones():
     points = make_line(((0.0, 0.4), (0.45, 0.7), (0.9, 1.0)))
     start = np.flatnonzero(points[:, 0] < 40.0)
