@@ -94,12 +94,12 @@ def measure(
             ))
         for num in workers:
             out = Path(room) / f'grid{num}'
-            seconds, busy, peak = run(
-                str(path), '-o', str(out), '--workers', str(num), *options, allowed=allowed
-            )
+            wish = ('--workers', str(num)) if num else ('--tile', '1e9')
+            name = f'grid, {num} workers' if num else 'grid, no workers'
+            seconds, busy, peak = run(str(path), '-o', str(out), *wish, *options, allowed=allowed)
             tiles = read_answers(out)
             rows.append((
-                f'grid, {num} workers', f'{seconds:.1f}', f'{busy:.1f}',
+                name, f'{seconds:.1f}', f'{busy:.1f}',
                 f'{num_points / seconds:,.0f}', f'{seconds / single:.2f}',
                 f'{busy / single_busy:.2f}', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}',
                 f'{max(item["peak_memory"] for item in tiles) / 1e9:.2f}', str(len(tiles)),
@@ -152,7 +152,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
     parser.add_argument('--points', type=int, default=1_000_000, help='of each copy')
     parser.add_argument('--copies', type=int, default=10)
-    parser.add_argument('--workers', type=int, nargs='*', default=[1, 2])
+    parser.add_argument('--workers', type=int, nargs='*', default=[0, 1, 2],
+                        help='0: in the process itself, with all cores')
     parser.add_argument('--empty', type=int, default=0, metavar='N', help='plan N tiles as well')
     parser.add_argument('--allowed', type=float, default=0.0, metavar='GB',
                         help='address space of each process; no single survey is made')

@@ -8,6 +8,7 @@ import os
 import resource
 import time
 
+import numba
 import numpy as np
 
 from plc_inspect.errors import DataError
@@ -50,3 +51,8 @@ def tell_of_loss():
         handler.setLevel(logging.NOTSET)
     logging.getLogger('distributed.worker').error('the scheduler is lost')
     return {'process': os.getpid()}
+
+
+def tell_threads():
+    """Tell how many threads kernels have here, and in which process."""
+    return {'threads': numba.config.NUMBA_NUM_THREADS, 'process': os.getpid()}

@@ -10,7 +10,15 @@ import time
 
 from grid.clusters import start_cluster
 from grid.grids import inspect, make_line, open_run, write_las
-from grid.tasks import DEADLINE, fail, fill_twice, refuse, sleep_and_tell, tell_of_loss
+from grid.tasks import (
+    DEADLINE,
+    fail,
+    fill_twice,
+    refuse,
+    sleep_and_tell,
+    tell_of_loss,
+    tell_threads,
+)
 import numpy as np
 import pytest
 
@@ -108,15 +116,26 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
     assert told[-1] == ('stage', 5, 5, 0)
 
 
-def test_workers_share_the_cores(monkeypatch):
-    names = ('NUMBA_NUM_THREADS', 'RAYON_NUM_THREADS')
-    for name in names:
+@pytest.mark.parametrize('num', [1, 2])
+def test_a_worker_has_one_thread_and_a_process_of_its_own(num, monkeypatch):
+    for name in engine.ALONE:
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr('os.sched_getaffinity', lambda _: set(range(12)))
-    for num, threads in ((1, '12'), (5, '2'), (12, '1'), (40, '1')):
-        assert [make_environment(num)[name] for name in names] == [threads, threads]
+    tasks = [Task(name=str(k), function=tell_threads, arguments=()) for k in range(num)]
+    with open_engine(num, None, MEMORY) as local:
+        answers = [outcome.answer for outcome in local.run(tasks)]
+    assert [answer['threads'] for answer in answers] == [1] * num
+    assert os.getpid() not in {answer['process'] for answer in answers}
+
+
+def test_without_workers_tasks_run_in_this_process():
+    with open_engine(None, None, MEMORY) as own:
+        (outcome,) = own.run([Task(name='one', function=tell_threads, arguments=())])
+    assert outcome.answer['process'] == os.getpid()
+
+
+def test_what_is_set_for_workers_stays(monkeypatch):
     monkeypatch.setenv('NUMBA_NUM_THREADS', '3')
-    assert make_environment(2)['NUMBA_NUM_THREADS'] == '3'
+    assert make_environment()['NUMBA_NUM_THREADS'] == '3'
 
 
 def test_a_worker_keeps_freed_memory_for_the_next_arrays():

@@ -195,7 +195,7 @@ def run_flights(
     check_grid_folder(folder, files)
     memory = None if arguments.memory is None else arguments.memory * GIGABYTE
     with (
-        open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
+        open_engine(arguments.workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
         open_grid_folder(folder, arguments.force, files) as ledger,
     ):

@@ -33,7 +33,8 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
         'grid', 'for many inputs, or one that is divided into tiles; see docs/grid.md'
     )
     group.add_argument(
-        '--workers', type=int, metavar='N', help='processes that inspect tiles (default 1)'
+        '--workers', type=int, metavar='N',
+        help='processes that inspect tiles, a core each (default: this one, with all cores)',
     )
     group.add_argument(
         '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
@@ -110,11 +111,11 @@ def run_grid(
         baseline=baseline,
     )
     options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
-    memory, workers = None, arguments.workers or 1
+    memory, workers = None, arguments.workers
     if arguments.memory is not None:
         memory = arguments.memory * GIGABYTE
     if arguments.scheduler is None:  # before they are started
-        count_allowed(memory or measure_available() / workers)
+        count_allowed(memory or measure_available() / (workers or 1))
     with (
         open_engine(workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,

@@ -202,7 +202,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     group = parser.add_argument_group('flights', 'for many recordings; see docs/grid.md')
     group.add_argument(
-        '--workers', type=int, metavar='N', help='processes that replay flights (default 1)'
+        '--workers', type=int, metavar='N',
+        help='processes that replay flights, a core each (default: this one, with all cores)',
     )
     group.add_argument(
         '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
