@@ -366,19 +366,17 @@ def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
 
 def _are_held(cloud: OffGround, wire: Bool, ends: Sequence[SpanEnd]) -> bool:
     """Tell conductors that end at arms or insulators from those that leave the cloud."""
-    held, index, height = 0, cloud.index, cloud.height
+    height = cloud.height
+    ahead = np.array([end.place[:2] + BEYOND * end.outward for end in ends])
+    size = height.cell_size * np.array(height.ground.shape[::-1])
+    inside = (ahead >= height.origin).all() and (ahead <= height.origin + size).all()
+    if not inside or not np.isfinite(ground_at(height, ahead, max_gap=0.5 * BEYOND)).all():
+        return False
+    held = 0
     for end in ends:
-        ahead = (end.place[:2] + BEYOND * end.outward)[None, :]
-        if not math.isfinite(float(ground_at(height, ahead, max_gap=BEYOND)[0])):
-            return False
-        found = index.strip(end.place, end.place, HOLD_RADIUS)
+        found = cloud.index.strip(end.place, end.place, HOLD_RADIUS)
         held += count_around(cloud.points, wire, found, end.place) >= HOLD_POINTS
-    low = height.origin
-    high = low + height.cell_size * np.array(height.ground.shape[::-1])
-    inside = all(
-        ((end.place[:2] > low + BEYOND) & (end.place[:2] < high - BEYOND)).all() for end in ends
-    )
-    return inside and 2 * held >= len(ends)
+    return 2 * held >= len(ends)
 
 
 def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:
