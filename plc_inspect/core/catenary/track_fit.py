@@ -112,7 +112,8 @@ def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
     azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
     ca, sa = math.cos(azimuth), math.sin(azimuth)
     x = ca * dx + sa * dy
-    place = np.searchsorted(locate_breaks(x, ca * dy - sa * dx, z)[:, 0], x, side='right')
+    found = locate_breaks(x, ca * dy - sa * dx, z, np.zeros(num, dtype=np.int64))
+    place = np.searchsorted(found[:, 0], x, side='right')
     return [chosen[place == part] for part in range(place.max() + 1)]
 
 

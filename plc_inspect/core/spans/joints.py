@@ -24,6 +24,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TURN_SIGMA,
 )
+from plc_inspect.core.catenary.cutting import measure_bend
 from plc_inspect.core.catenary.growing import BESIDE_SHARE
 from plc_inspect.core.numerics.assignment import pair_up
 from plc_inspect.results import Bool, Float64, Int64
@@ -233,16 +234,7 @@ def passes_unbent(
             by_length += (own - float(other.fit.shape[2])) * length / 2
             total += float(other.fit.shape[2])
         bends.append(min(by_length, joint.kink * 2 * own / total))
-    # what a bend at x adds to a curve without one
-    along, _ = curve.local(points[curve.points])
-    miss = points[curve.points, 2] - curve.fit.height(along)
-    along = (along - x) / curve.length
-    columns = np.column_stack([np.ones(len(along)), along, along**2, np.minimum(along, 0.0)])
-    inverse = np.linalg.pinv(columns)
-    added = inverse @ miss
-    rest = miss - columns @ added
-    variance = float(rest @ rest) / max(len(rest) - len(added), 1) * float(inverse[3] @ inverse[3])
-    bend, sigma = float(added[3]) / curve.length, math.sqrt(variance) / curve.length
+    bend, sigma = measure_bend(points, curve, x)
     return bend + MIN_RISE + TURN_SIGMAS * sigma < float(np.median(bends))
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from plc_inspect.config import SupportSettings
 from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import TOLERANCE
+from plc_inspect.core.catenary.cutting import cut_curve, cut_together
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.spans.joints import find_joints, Joint, passes_unbent
 from plc_inspect.core.spans.standing_poles import (
     cut_at_poles,
-    cut_curve,
     join_at_poles,
     StandingPole,
 )
@@ -121,6 +121,7 @@ def find_layout(
         return _drop_weak(join_at_poles(curves, joints, poles, settings.radius), settings)
 
     believed = cut_at_poles(points, curves, poles, settings.min_span / 2)
+    believed = cut_together(points, believed, settings.width, settings.min_span / 2)
     num_believed = len(believed)
     curves = [*believed, *adopted]
     joints, stations = meet()

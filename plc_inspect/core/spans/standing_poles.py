@@ -10,7 +10,7 @@ import math
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
     HIGH,
@@ -22,6 +22,7 @@ from plc_inspect.core.catenary.curve_row import (
     see_beside,
     SIN,
 )
+from plc_inspect.core.catenary.cutting import cut_curve
 from plc_inspect.core.extraction.height import ground_at
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import gather_strip
@@ -37,7 +38,6 @@ from plc_inspect.core.spans.structures import (
     Stand,
     TOP_METRES,
 )
-from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
 BESIDE = 1.0
@@ -69,13 +69,6 @@ BARE_SHARE = 0.35
 Share of the points of four by four cells that the inner four hold where a pole may stand.
 Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 0.5, in a crown
 0.25.
-"""
-ABOUT, LEAST_DENSITY = 10.0, 0.2
-"""
-A part of a curve that is cut has this share of the other one's points in the first metres that
-were seen from the cut on [m], or of the whole's points a metre, at least.
-Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
-over a support between the wires of a rack has a tenth of its points there.
 """
 HIGHEST = 62
 """Metres above ground that are told apart.  Source: numerical: bits of an integer."""
@@ -182,26 +175,6 @@ def cut_at_poles(
     for pole in poles:
         parts = [piece for curve in parts for piece in _cut(points, curve, pole, least)]
     return parts
-
-
-def cut_curve(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
-    """Return the parts of a curve on both sides of a (2,) plan position that can be fitted."""
-    at, _ = curve.local_place(position)
-    if not curve.low < at < curve.high:
-        return [curve]
-    x, _ = curve.local(points[curve.points])
-    sides = [np.sort(away[away >= 0.0]) for away in (at - x, x - at)]
-    near = [int((away < away[0] + ABOUT).sum()) if len(away) else 0 for away in sides]
-    pieces = []
-    for part, num in zip((x < at, x >= at), near, strict=True):
-        try:
-            piece = fit_curve(points, curve.points[part], tolerance=curve.tolerance)
-        except FitError:
-            continue
-        share = part.mean() * curve.length / piece.length
-        if num >= LEAST_DENSITY * max(near) or share >= LEAST_DENSITY:
-            pieces.append(piece)
-    return pieces
 
 
 def join_at_poles(

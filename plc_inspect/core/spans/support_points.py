@@ -3,6 +3,7 @@
 
 """Points that belong to a support: its structure, and what goes on beyond the conductors' ends."""
 
+from collections.abc import Sequence
 import math
 
 from numba import njit
@@ -29,6 +30,9 @@ HOLD_RADIUS = 3.0
 Within this of a conductor's end insulators and arms leave points [m].
 Source: judgement; 6 m holds, 2.1 m does not, on bench/constants.py.
 """
+HOLD_POINTS = 3
+"""This many points within HOLD_RADIUS of a conductor's end hold it.
+Source: judgement; 1 point holds, 5 points do not, on bench/constants.py."""
 STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
 """
 What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m].
@@ -114,8 +118,32 @@ def _mark_stub(points, found, end, outward, mask):  # type: ignore[no-untyped-de
             mask[i] = True
 
 
+def are_held(points: Float64, index: PlanIndex, wire: Bool, ends: Sequence[Float64]) -> bool:
+    """
+    Tell whether arms or insulators left points about most ends of conductors.
+
+    Parameters
+    ----------
+    points, index
+        As of `list_structure`.
+    wire : (N,) bool
+        Points of conductors.
+    ends : sequence of (3,) float64
+        Ends of conductors [m].
+
+    Returns
+    -------
+    bool
+
+    """
+    counts = [
+        _count_around(points, wire, index.strip(end, end, HOLD_RADIUS), end) for end in ends
+    ]
+    return 2 * sum(count >= HOLD_POINTS for count in counts) >= len(ends)
+
+
 @njit(cache=True, nogil=True)
-def count_around(points, wire, found, end):  # type: ignore[no-untyped-def]
+def _count_around(points, wire, found, end):  # type: ignore[no-untyped-def]
     """How many of the points found are within HOLD_RADIUS of the end and no conductor's."""
     count = 0
     for i in found:

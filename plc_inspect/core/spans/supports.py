@@ -24,8 +24,7 @@ from plc_inspect.core.spans.structures import (
     Structure,
 )
 from plc_inspect.core.spans.support_points import (
-    count_around,
-    HOLD_RADIUS,
+    are_held,
     list_structure,
     mark_stub,
 )
@@ -46,9 +45,6 @@ Source: judgement; holds from 0.06 to 0.24 on bench/constants.py."""
 MIN_TOWER = 3.0
 """Three and more conductors that end within less than this hang on a pole [m].
 Source: judgement; holds from 1.5 to 6 on bench/constants.py."""
-HOLD_POINTS = 3
-"""This many points within HOLD_RADIUS of a conductor's end hold it.
-Source: judgement; 1 point holds, 5 points do not, on bench/constants.py."""
 BEYOND = 5.0
 """The cloud must go on this far beyond a conductor that ends at a support [m].
 Source: judgement; holds from 2.5 to 10 on bench/constants.py."""
@@ -208,7 +204,9 @@ def _is_held_up(cloud: OffGround, wire: Bool, item: Standing) -> bool:
         return True
     highest = max(float(end.place[2]) for end in item.ends)
     is_tower = item.structure is not None and item.structure.top > highest - MAX_BELOW
-    return len(item.ends) > 1 and (is_tower or _are_held(cloud, wire, item.ends))
+    return len(item.ends) > 1 and _goes_on(cloud, item.ends) and (
+        is_tower or are_held(cloud.points, cloud.index, wire, [end.place for end in item.ends])
+    )
 
 
 def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Bool) -> _Placed:
@@ -364,19 +362,13 @@ def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
     return groups
 
 
-def _are_held(cloud: OffGround, wire: Bool, ends: Sequence[SpanEnd]) -> bool:
-    """Tell conductors that end at arms or insulators from those that leave the cloud."""
+def _goes_on(cloud: OffGround, ends: Sequence[SpanEnd]) -> bool:
+    """Tell whether ground was seen beyond all ends, so that they do not just leave the cloud."""
     height = cloud.height
     ahead = np.array([end.place[:2] + BEYOND * end.outward for end in ends])
     size = height.cell_size * np.array(height.ground.shape[::-1])
     inside = (ahead >= height.origin).all() and (ahead <= height.origin + size).all()
-    if not inside or not np.isfinite(ground_at(height, ahead, max_gap=0.5 * BEYOND)).all():
-        return False
-    held = 0
-    for end in ends:
-        found = cloud.index.strip(end.place, end.place, HOLD_RADIUS)
-        held += count_around(cloud.points, wire, found, end.place) >= HOLD_POINTS
-    return 2 * held >= len(ends)
+    return bool(inside and np.isfinite(ground_at(height, ahead, max_gap=0.5 * BEYOND)).all())
 
 
 def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:

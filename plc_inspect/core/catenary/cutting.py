@@ -1,0 +1,186 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves over several spans are cut: at a place, or where conductors side by side are all bent."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from plc_inspect.core.catenary.breaks import Break, find_breaks, MIN_KINK
+from plc_inspect.core.catenary.curve import Curve, fit_curve
+from plc_inspect.errors import FitError
+from plc_inspect.results import Float64
+
+ABOUT, LEAST_DENSITY = 10.0, 0.2
+"""
+A part of a curve that is cut has this share of the other one's points in the first metres that
+were seen from the cut on [m], or of the whole's points a metre, at least.
+Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
+over a support between the wires of a rack has a tenth of its points there.
+"""
+PARALLEL = math.radians(5.0)
+"""
+Conductors side by side in one span differ by less in azimuth.
+Source: judgement: those of a span of 20 m on arms that differ by 1.7 m.
+"""
+SHARED = 0.5
+"""
+They have more than this share of the shorter one's length in common.
+Source: judgement; not measured.
+"""
+BEND_SIGMAS = 4.0
+"""
+Standard deviations by which a bend is more, or less, than another.
+Source: derived: that of the kinks of `breaks`.
+"""
+
+
+def cut_curve(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
+    """Return the parts of a curve on both sides of a (2,) plan position that can be fitted."""
+    at, _ = curve.local_place(position)
+    if not curve.low < at < curve.high:
+        return [curve]
+    x, _ = curve.local(points[curve.points])
+    sides = [np.sort(away[away >= 0.0]) for away in (at - x, x - at)]
+    near = [int((away < away[0] + ABOUT).sum()) if len(away) else 0 for away in sides]
+    pieces = []
+    for part, num in zip((x < at, x >= at), near, strict=True):
+        try:
+            piece = fit_curve(points, curve.points[part], tolerance=curve.tolerance)
+        except FitError:
+            continue
+        share = part.mean() * curve.length / piece.length
+        if num >= LEAST_DENSITY * max(near) or share >= LEAST_DENSITY:
+            pieces.append(piece)
+    return pieces
+
+
+def measure_bend(
+    points: Float64, curve: Curve, x: float, low: float = -math.inf, high: float = math.inf
+) -> tuple[float, float]:
+    """
+    Measure the kink that a curve has at x beyond what it models.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curve : Curve
+        Its points are used.
+    x : float
+        Where it may be bent [m].
+    low, high : float
+        Of its points those between these count [m].
+
+    Returns
+    -------
+    bend, sigma : float
+        By how much its slope falls there, and the standard deviation of that.
+
+    """
+    along, _ = curve.local(points[curve.points])
+    inside = (along >= low) & (along <= high)
+    along = along[inside]
+    miss = points[curve.points[inside], 2] - curve.fit.height(along)
+    along = (along - x) / curve.length
+    columns = np.column_stack([np.ones(len(along)), along, along**2, np.minimum(along, 0.0)])
+    inverse = np.linalg.pinv(columns)
+    added = inverse @ miss
+    rest = miss - columns @ added
+    variance = float(rest @ rest) / max(len(rest) - len(added), 1) * float(inverse[3] @ inverse[3])
+    return float(added[3]) / curve.length, math.sqrt(variance) / curve.length
+
+
+def cut_together(
+    points: Float64, curves: Sequence[Curve], width: float, least: float
+) -> list[Curve]:
+    """
+    Cut curves that lie side by side where, taken together, they are bent.
+
+    Conductors of one line hang from the same supports.  Where spans are short, or returns few,
+    the kink of a single one is lost in its noise.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Conductors.
+    width : float
+        They lie this near to each other [m].
+    least : float
+        Least length of a part [m].
+
+    Returns
+    -------
+    list of Curve
+
+    """
+    parts: dict[int, list[Curve]] = {}
+    rest = sorted(curves, key=lambda curve: -curve.length)
+    while rest:
+        first = rest[0]
+        group = [first, *(other for other in rest[1:] if _lie_side_by_side(first, other, width))]
+        places = _find_shared(points, group) if len(group) > 1 else [[]]
+        for curve, own in zip(group, places, strict=True):
+            parts[id(curve)] = _cut_at(points, curve, own, least)
+        rest = [curve for curve in rest if id(curve) not in parts]
+    return [part for curve in curves for part in parts[id(curve)]]
+
+
+def _lie_side_by_side(first: Curve, other: Curve, width: float) -> bool:
+    if abs(math.sin(first.azimuth - other.azimuth)) > math.sin(PARALLEL):
+        return False
+    ends = [first.local_place(place[:2]) for place in other.position(
+        np.array([other.low, other.high])
+    )]
+    low, high = sorted(x for x, _ in ends)
+    common = min(high, first.high) - max(low, first.low)
+    return common > SHARED * other.length and max(abs(y) for _, y in ends) <= width
+
+
+def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
+    """List for each curve of a group where it is bent as the others are [m along it]."""
+    axis = group[0]
+    own = np.concatenate([curve.points for curve in group])
+    track = np.repeat(np.arange(len(group)), [len(curve.points) for curve in group])
+    # of the kinks alone: where scan lines cross conductors aslant, all lie aside alike
+    found = find_breaks(axis.local(points[own])[0], np.zeros(len(own)), points[own, 2], track)
+    breaks = [item for item in found if abs(item.kink) > MIN_KINK]  # and not of a misfit alone
+    return [_list_own(points, curve, axis, breaks) for curve in group]
+
+
+def _list_own(
+    points: Float64, curve: Curve, axis: Curve, breaks: Sequence[Break]
+) -> list[float]:
+    """List where a curve does not surely bend less than those beside it [m along it]."""
+    places = sorted(
+        (curve.local_place(axis.position(item.x)[0, :2])[0], item.kink) for item in breaks
+    )
+    bounds = [-math.inf, *(x for x, _ in places), math.inf]
+    result = []
+    for (x, kink), low, high in zip(places, bounds[:-2], bounds[2:], strict=True):
+        if not curve.low < x < curve.high:
+            continue
+        bend, sigma = measure_bend(points, curve, x, low, high)
+        share = -bend if kink > 0.0 else bend
+        if share + MIN_KINK + BEND_SIGMAS * sigma >= abs(kink):
+            result.append(x)
+    return result
+
+
+def _cut_at(
+    points: Float64, curve: Curve, places: Sequence[float], least: float
+) -> list[Curve]:
+    parts = [curve]
+    for place in curve.position(np.array(places))[:, :2] if places else ():
+        parts = [
+            piece for part in parts
+            for piece in (
+                cut_curve(points, part, place)
+                if part.low + least < part.local_place(place)[0] < part.high - least else [part]
+            )
+        ]
+    return parts

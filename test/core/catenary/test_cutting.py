@@ -1,0 +1,99 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Conductors side by side are cut where all of them are bent."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from toys import make_curve, make_wire, turn
+
+from plc_inspect.core.catenary.cutting import cut_together, measure_bend
+
+WIDTH, LEAST = 30.0, 5.0
+OFFSETS = (-0.9, -0.3, 0.3, 0.9)
+
+
+def make_rack(ends=(0.0, 22.0, 44.0), offsets=OFFSETS, heights=None, per_metre=3.0, seed=0):
+    """Return points of conductors over supports at ``ends``, and a curve over all of each."""
+    heights = heights or (9.0,) * len(ends)
+    points, curves, num = [], [], 0
+    for conductor, offset in enumerate(offsets):
+        parts = [
+            make_wire((low, offset, heights[k]), (high, offset, heights[k + 1]), 800.0, per_metre,
+                      0.04, 1000 * seed + 10 * conductor + k)
+            for k, (low, high) in enumerate(pairwise(ends))
+        ]
+        points += parts
+        curves.append(np.arange(num, num + sum(map(len, parts))))
+        num = curves[-1][-1] + 1
+    points = np.vstack(points)
+    return points, [make_curve(points, own, 0.2) for own in curves]
+
+
+@pytest.mark.parametrize('yaw', [0.0, 1.0, 3.0])
+def test_a_rack_over_a_support_is_cut_there(yaw):
+    for seed in range(5):
+        points, _ = make_rack(seed=seed)
+        points = turn(points, yaw, (300.0, -200.0, 0.0))
+        chosen = np.array_split(np.arange(len(points)), len(OFFSETS))
+        curves = [make_curve(points, own, 0.2) for own in chosen]
+        parts = cut_together(points, curves, WIDTH, LEAST)
+        assert len(parts) == 2 * len(curves)
+        assert [part.length for part in parts] == pytest.approx([22.0] * len(parts), abs=5.0)
+
+
+def test_three_spans_are_told_apart():
+    """The bend at one support is measured up to the next."""
+    for seed in range(5):
+        points, curves = make_rack(ends=(0.0, 22.0, 42.0, 64.0), per_metre=10.0, seed=seed)
+        assert len(cut_together(points, curves, WIDTH, LEAST)) == 3 * len(curves)
+
+
+def test_one_alone_is_left_as_it_is():
+    points, curves = make_rack(offsets=(0.0,))
+    assert cut_together(points, curves, WIDTH, LEAST) == curves
+
+
+def test_conductors_of_one_span_are_left_as_they_are():
+    for seed in range(10):
+        points, curves = make_rack(ends=(0.0, 44.0), seed=seed)
+        assert cut_together(points, curves, WIDTH, LEAST) == curves
+
+
+def test_a_conductor_beside_them_that_hangs_elsewhere_is_not_cut():
+    points, curves = make_rack(per_metre=30.0)
+    beside = make_wire((0.0, 2.5, 9.0), (44.0, 2.5, 9.0), 800.0, 30.0, 0.04, 99)
+    both = np.vstack([points, beside])
+    other = make_curve(both, np.arange(len(points), len(both)), 0.2)
+    parts = cut_together(both, [*curves, other], WIDTH, LEAST)
+    assert len(parts) == 2 * len(curves) + 1
+    assert parts[-1] is other
+
+
+def test_what_lies_farther_off_or_crosses_is_asked_for_itself():
+    points, curves = make_rack()
+    for moved in (turn(points, 0.0, (0.0, WIDTH + 3.0, 0.0)), turn(points, 1.0)):
+        own = [make_curve(moved, curve.points, 0.2) for curve in curves[:1]]
+        assert cut_together(moved, own, WIDTH, LEAST) == own
+
+
+def test_the_order_of_curves_is_kept_and_no_curve_is_an_empty_list():
+    points, curves = make_rack()
+    parts = cut_together(points, curves[::-1], WIDTH, LEAST)
+    across = [float(part.position(part.mean_x)[0, 1]) for part in parts]
+    assert across == pytest.approx(np.repeat(OFFSETS[::-1], 2), abs=0.1)
+    assert cut_together(points, [], WIDTH, LEAST) == []
+
+
+def test_a_bend_is_measured_with_its_uncertainty():
+    for k, kink in enumerate((0.0, 0.02, 0.08)):
+        x = np.linspace(0.0, 60.0, 600)
+        z = 9.0 + x * x / 1600.0 - kink * np.maximum(x - 30.0, 0.0)
+        points = np.column_stack([x, np.zeros(600), z])
+        points += np.random.default_rng(k).normal(0.0, 0.02, points.shape)
+        curve = make_curve(points, tolerance=1.0)
+        bend, sigma = measure_bend(points, curve, curve.local_place(np.array([30.0, 0.0]))[0])
+        assert bend == pytest.approx(kink, abs=4.0 * sigma)
+        assert 0.0 < sigma < 0.005
