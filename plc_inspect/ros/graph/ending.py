@@ -3,6 +3,7 @@
 
 """The end of ROS: a signal shuts it down, whatever rclpy is in the middle of."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -38,3 +39,26 @@ def was_cut_short(error: Exception, context: 'Context | None' = None) -> bool:
         rclpy_implementation.InvalidHandle,
     )
     return isinstance(error, kinds) and not rclpy.utilities.ok(context=context)
+
+
+def survive(
+    callback: Callable[[], None], tell: Callable[[Exception], None], context: 'Context'
+) -> None:
+    """
+    Call something, and tell its error, unless that is only of ROS being shut down meanwhile.
+
+    Parameters
+    ----------
+    callback : callable
+        Called.
+    tell : callable
+        Told the error, if there is one.
+    context : Context
+        Of the calls.
+
+    """
+    try:
+        callback()
+    except Exception as error:
+        if not was_cut_short(error, context):
+            tell(error)

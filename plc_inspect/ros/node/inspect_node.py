@@ -31,6 +31,7 @@ from plc_inspect.core.live.window import copy_window, Window, WindowPlan
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.recording import PERIOD
 from plc_inspect.offline.records.flight import Flight
+from plc_inspect.ros.graph.ending import survive
 from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
 from plc_inspect.ros.graph.requests import refuse, Requests
@@ -177,10 +178,7 @@ class InspectNode(Node):
         """Time a callback, and keep the node alive if it fails."""
         def run(*arguments: Any) -> None:
             with self._health.measure(name):
-                try:
-                    callback(*arguments)
-                except Exception as error:
-                    self._fail(name, error)
+                survive(partial(callback, *arguments), partial(self._fail, name), self.context)
 
         # The executor looks at the number of parameters of a subscription's callback.
         if name == 'scan':
