@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.catenary.breaks import Break, find_breaks, MIN_KINK
+from plc_inspect.core.catenary.breaks import find_breaks, MIN_KINK
 from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
@@ -97,10 +97,10 @@ def cut_together(
     points: Float64, curves: Sequence[Curve], width: float, least: float
 ) -> list[Curve]:
     """
-    Cut curves that lie side by side where, taken together, they are bent.
+    Cut curves where, taken together with those that lie side by side with them, they are bent.
 
     Conductors of one line hang from the same supports.  Where spans are short, or returns few,
-    the kink of a single one is lost in its noise.
+    the kink of a single one is lost in its noise.  One that grew over a support is bent itself.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def cut_together(
     while rest:
         first = rest[0]
         group = [first, *(other for other in rest[1:] if _lie_side_by_side(first, other, width))]
-        places = _find_shared(points, group) if len(group) > 1 else [[]]
+        places = _find_shared(points, group)
         for curve, own in zip(group, places, strict=True):
             parts[id(curve)] = _cut_at(points, curve, own, least)
         rest = [curve for curve in rest if id(curve) not in parts]
@@ -149,26 +149,27 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
     # of the kinks alone: where scan lines cross conductors aslant, all lie aside alike
     found = find_breaks(axis.local(points[own])[0], np.zeros(len(own)), points[own, 2], track)
     breaks = [item for item in found if abs(item.kink) > MIN_KINK]  # and not of a misfit alone
-    return [_list_own(points, curve, axis, breaks) for curve in group]
-
-
-def _list_own(
-    points: Float64, curve: Curve, axis: Curve, breaks: Sequence[Break]
-) -> list[float]:
-    """List where a curve does not surely bend less than those beside it [m along it]."""
-    places = sorted(
-        (curve.local_place(axis.position(item.x)[0, :2])[0], item.kink) for item in breaks
-    )
-    bounds = [-math.inf, *(x for x, _ in places), math.inf]
-    result = []
-    for (x, kink), low, high in zip(places, bounds[:-2], bounds[2:], strict=True):
-        if not curve.low < x < curve.high:
-            continue
-        bend, sigma = measure_bend(points, curve, x, low, high)
-        share = -bend if kink > 0.0 else bend
-        if share + MIN_KINK + BEND_SIGMAS * sigma >= abs(kink):
-            result.append(x)
+    bounds = [-math.inf, *(item.x for item in breaks), math.inf]
+    result: list[list[float]] = [[] for _ in group]
+    for item, low, high in zip(breaks, bounds[:-2], bounds[2:], strict=True):
+        place = axis.position(item.x)[0, :2]
+        at = [curve.local_place(place)[0] for curve in group]
+        passing = [k for k, curve in enumerate(group) if curve.low < at[k] < curve.high]
+        reach = low - item.x, high - item.x
+        bent = [k for k in passing if _may_be_bent(points, group[k], at[k], item.kink, reach)]
+        if 2 * len(bent) > len(passing):  # or it is something at one of them
+            for k in bent:
+                result[k].append(at[k])
     return result
+
+
+def _may_be_bent(
+    points: Float64, curve: Curve, x: float, kink: float, reach: tuple[float, float]
+) -> bool:
+    """Tell whether a curve is not surely bent less at x than those beside it by ``kink``."""
+    bend, sigma = measure_bend(points, curve, x, x + reach[0], x + reach[1])
+    share = -bend if kink > 0.0 else bend
+    return share + MIN_KINK + BEND_SIGMAS * sigma >= abs(kink)
 
 
 def _cut_at(

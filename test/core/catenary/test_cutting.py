@@ -51,8 +51,18 @@ def test_three_spans_are_told_apart():
         assert len(cut_together(points, curves, WIDTH, LEAST)) == 3 * len(curves)
 
 
-def test_one_alone_is_left_as_it_is():
+def test_one_alone_is_cut_where_it_shows_its_support_itself():
     points, curves = make_rack(offsets=(0.0,))
+    assert cut_together(points, curves, WIDTH, LEAST) == curves
+    points, curves = make_rack(offsets=(0.0,), per_metre=60.0)
+    assert len(cut_together(points, curves, WIDTH, LEAST)) == 2
+
+
+def test_what_bends_one_of_several_is_no_support():
+    """Leaves on one conductor draw its points aside."""
+    points, curves = make_rack(ends=(0.0, 80.0), per_metre=10.0)
+    x = points[curves[0].points, 0]
+    points[curves[0].points, 2] += 0.25 * np.exp(-((x - 30.0) / 3.0) ** 2)
     assert cut_together(points, curves, WIDTH, LEAST) == curves
 
 
