@@ -13,6 +13,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.cells.layout import count_allowed
+from plc_inspect.grid.cells.room import open_room
 from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
 from plc_inspect.grid.grid_folder import check_all_named, LOG, open_grid_folder
@@ -142,9 +143,11 @@ def inspect_sources(
 
     """
     held = [source for source in sources if source.num_points]  # others have no bounds
-    cut, jobs = cut_and_plan(run, held)
-    run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
-    answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
+    with open_room(run.work) as run.room:
+        cut, jobs = cut_and_plan(run, held)
+        memory = estimate_memory(jobs) / 1e9
+        run.tell(f'memory: {memory:.1f} GB for the largest of', 0, len(jobs), 0)
+        answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
     notes = [
         *(source.note for source in sources if source.note), *cut.notes, *find_twins(held),
         *question_times(held),

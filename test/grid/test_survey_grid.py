@@ -27,9 +27,14 @@ from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
+from plc_inspect.errors import DataError
 from plc_inspect.grid import whole_values
-from plc_inspect.grid.engine import OwnProcess, Task
+from plc_inspect.grid.cells import cut
+from plc_inspect.grid.cells.room import open_room
+from plc_inspect.grid.engine import call, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
+from plc_inspect.grid.tiles.survey_whole import measure_candidates, measure_ground
+from plc_inspect.grid.tiles.tile_run import inspect_tile
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
 from plc_inspect.offline.records.inspection import Units
@@ -219,6 +224,35 @@ def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
     np.testing.assert_array_equal(collect(folder), before)
     for path in folder.glob('tiles/*/report.html'):
         assert (path.parent / 'coverage.json').is_file()
+
+
+def test_tasks_of_a_killed_run_leave_the_next_one_alone(cloud, tmp_path, monkeypatch):
+    """Those that have begun go on in the workers of a cluster, beside those of that run."""
+    class Recorder(OwnProcess):
+        def run(self, tasks):
+            begun.extend(tasks)
+            return super().run(tasks)
+
+    def stamp():
+        return {path: path.stat().st_mtime_ns for path in work.glob('*/*')}
+
+    def read_slowly(source, part):
+        for points, attributes in read(source, part):
+            yield points[::2], attributes[::2]
+            with open_room(work):  # the next run begins
+                yield points[1::2], attributes[1::2]
+
+    begun, read, work = [], cut.read_part, tmp_path / 'out/work'
+    inspect(tmp_path / 'out', [cloud], engine=Recorder(GIGABYTES), tile_edge=180.0, halo=130.0)
+    before, tried = stamp(), {cut.cut_part, measure_ground, measure_candidates, inspect_tile}
+    assert tried <= {task.function for task in begun}
+    for task in begun:
+        if task.function in tried:
+            assert 'No such file or directory' in call(task).error
+    monkeypatch.setattr(cut, 'read_part', read_slowly)
+    with open_room(work) as room, pytest.raises(DataError, match='No such file or directory'):
+        cut.cut_part(str(room), *begun[0].arguments[1:])
+    assert stamp() == before
 
 
 def test_heights_of_a_grid_are_those_of_the_whole(tmp_path):

@@ -112,7 +112,7 @@ def inspect_tile(
             break
         halo = wider
     write_found(
-        job.place, look.result, look.core, look.near | look.claimed,
+        job, look.result, look.core, look.near | look.claimed,
         middles=look.middles, territory=job.tile.rectangle(job.grid),
         vegetation=measure_clearances(look.result, settings.hazards.min_points),
     )
