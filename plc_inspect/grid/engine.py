@@ -278,10 +278,9 @@ def _connect(
     named = {'scheduler_file' if is_file else 'address': scheduler}
     try:
         client = make_client(**named, timeout=timeout)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise DataError(
-            f'no Dask scheduler answers at {scheduler}: {make_one_line(error)}'
-        ) from error
+    except Exception as error:  # also of a file that holds no address, or of TLS without keys
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'no Dask scheduler answers at {scheduler}: {text}') from error
     with client:
         yield DaskEngine(client, memory)
 

@@ -144,6 +144,21 @@ def test_no_scheduler_is_one_clear_error():
         pass
 
 
+@pytest.mark.parametrize('text', ['junk', '{}', '[]', '{"address": 5}', '{"address": "http://a"}'])
+def test_a_file_that_no_scheduler_wrote_is_one_clear_error(text, tmp_path):
+    path = tmp_path / 'scheduler.json'
+    path.write_text(text)
+    with pytest.raises(DataError, match=f'no Dask scheduler answers at {path}: .'), \
+            open_engine(1, str(path), MEMORY, timeout=0.5):
+        pass
+
+
+def test_tls_without_keys_is_one_clear_error():
+    with pytest.raises(DataError, match='check your TLS configuration'), \
+            open_engine(1, 'tls://127.0.0.1:9', MEMORY, timeout=0.5):
+        pass
+
+
 def test_a_scheduler_without_workers_is_one_clear_error(tmp_path, monkeypatch):
     monkeypatch.setattr(engine, 'CONNECT_TIMEOUT', 0.1)
     with start_cluster(tmp_path, num_workers=0) as (named, _), pytest.raises(
