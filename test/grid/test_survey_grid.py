@@ -107,7 +107,8 @@ def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
 
 def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     """They tell of each span what one run over the merged cloud tells, across tiles."""
-    summary, jobs = inspect(tmp_path / 'out', [cloud], edge=45.0, tile_edge=90.0, halo=130.0)
+    # the middle of the first span lies on the border of two tiles
+    summary, jobs = inspect(tmp_path / 'out', [cloud], edge=60.0, tile_edge=60.0, halo=130.0)
     page = (tmp_path / 'out' / 'index.html').read_text()
     links = re.findall(r'href="(tiles/[^"#]+/report\.html)#(hazard-\d+)"', page)
     assert len(links) == len(merged.hazards) > 0
@@ -115,6 +116,9 @@ def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
         assert f'id="{anchor}"' in (tmp_path / 'out' / place).read_text()
     for name in re.findall(r'href="(tiles/[^"#]+)', page):
         assert (tmp_path / 'out' / name).is_file()
+    counts = re.findall(r'</a></td><td class="n">[\d,]+</td><td class="n">(\d+)</td>', page)
+    assert len(counts) == len(jobs)
+    assert sum(map(int, counts)) == len(merged.spans)
     told = re.findall(r'(critical|warning|notice)</span></td><td>', page)
     assert told == sorted(told, key=('critical', 'warning', 'notice').index)
 
