@@ -656,7 +656,11 @@ def test_grids_are_compared(tmp_path, capsys):
                     str(tmp_path / 'both.json')]) == 0
     both = json.loads((tmp_path / 'both.json').read_text())
     assert both['growth'] == record['growth']
+    (tmp_path / 'before/index.html').rename(tmp_path / 'index.html')  # as while a run goes on
     capsys.readouterr()
+    assert compare([str(tmp_path / 'before'), str(out)]) == 2
+    assert 'is a grid whose last run has not come to its end' in capsys.readouterr().err
+    (tmp_path / 'index.html').rename(tmp_path / 'before/index.html')
     far = write_las(tmp_path / 'far.las', points + 900.0, 'EPSG:25832')
     assert main([str(far), '-o', str(tmp_path / 'far'), *OPTIONS,
                  '--baseline', str(tmp_path / 'before')]) == 2
