@@ -18,6 +18,7 @@ import time
 from typing import Any, Protocol
 
 from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.grid.memory_limits import measure_left
 from plc_inspect.interrupts import interruptible
 from plc_inspect.printable import make_one_line
 
@@ -135,8 +136,8 @@ class DaskEngine:
             raise DataError(f'the scheduler at {client.scheduler.address} has no workers')
         self.num_workers = sum(int(item['nthreads']) for item in workers.values())
         limits = [item['memory_limit'] / item['nthreads'] for item in workers.values()]
-        least = min(limit for limit in limits)
-        self.memory = memory or (least if least > 0 else measure_available())
+        least = min((limit for limit in limits if limit > 0), default=0.0)  # 0 is unlimited
+        self.memory = memory or least or measure_available()
         self.address = str(client.dashboard_link or '')
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
@@ -286,11 +287,11 @@ def _connect(
 
 
 def measure_available() -> float:
-    """Return the free memory less a tenth [bytes]."""
+    """Return the memory that is free and that limits allow, less a tenth [bytes]."""
     try:
         with open('/proc/meminfo', encoding='ascii') as file:
             values = dict(line.split(':', 1) for line in file)
         free = float(values['MemAvailable'].split()[0]) * 1024.0
     except (OSError, KeyError, ValueError):
         free = float(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')) / 2
-    return 0.9 * free
+    return 0.9 * max(min(free, measure_left()), 0.0)
