@@ -702,6 +702,9 @@ def test_wrong_options_are_refused(folder, tmp_path, capsys):
     out, cloud = tmp_path / 'out', folder / 'a.laz'
     assert '--workers must be 1 or more' in refuse(capsys, cloud, '-o', out, '--workers', '0')
     assert 'are too few' in refuse(capsys, cloud, '-o', out, '--memory', '0.5')
+    for value in ('nan', '0', '1e300'):
+        line = refuse(capsys, cloud, '-o', out, '--memory', value)
+        assert f'--memory must be 0.1 or more, at most 1e+09, got {float(value):g}' in line
     assert 'for a single cloud' in refuse(capsys, cloud, '-o', out, '--halo', '60', '--pdf')
     assert 'not a results folder' in refuse(
         capsys, cloud, '-o', out, '--halo', '60', '--baseline', folder
