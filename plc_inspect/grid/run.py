@@ -49,7 +49,7 @@ from plc_inspect.grid.tiles.tile_job import (
     TILES,
     write_catalogue,
 )
-from plc_inspect.grid.tiles.tile_run import inspect_tile
+from plc_inspect.grid.tiles.tile_run import find_wider, inspect_tile
 from plc_inspect.offline.records.changes import Survey
 
 WORK = 'work'
@@ -353,6 +353,8 @@ def inspect_tiles(
         tile = tiles[name]
         if not has_found(run.work / TILES / name):
             return ''
+        if answer['num_cut'] and find_wider(answer['halo'], answer['num_read'], run.allowed):
+            return ''  # now there is memory for a halo that was too wide
         near = tile.cells(cut.grid, answer['halo'])
         first, last = np.searchsorted(cells, near), np.searchsorted(cells, near, side='right')
         used = sorted({

@@ -3,10 +3,11 @@
 
 """Survey a grid, from its inputs to its results folder."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import time
+from typing import Any
 
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
@@ -150,7 +151,7 @@ def inspect_sources(
         answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
     notes = [
         *(source.note for source in sources if source.note), *cut.notes, *find_twins(held),
-        *question_times(held),
+        *question_times(held), *describe_cut(answers.values()),
     ]
     return write_grid(run, sources, refusals, cut, jobs, answers, notes), jobs
 
@@ -167,6 +168,18 @@ def find_twins(sources: Sequence[Source]) -> list[str]:
                 ' bounds: if they are one tile, its points are counted twice; leave one out'
             )
     return notes
+
+
+def describe_cut(answers: Iterable[dict[str, Any]]) -> list[str]:
+    """Return a note if spans are cut off by halos that could not be wider."""
+    halos = [answer['halo'] for answer in answers if answer['num_cut']]
+    if not halos:
+        return []
+    return [
+        f'spans near {len(halos)} tiles are cut off by halos of {min(halos):.0f} m and more, and'
+        ' memory or the limit of 2 km allows no wider ones: ends, sags and hazards may differ'
+        ' there from those of one run; give more --memory, or a smaller --tile'
+    ]
 
 
 def question_times(sources: Sequence[Source]) -> list[str]:

@@ -28,6 +28,7 @@ from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
 from plc_inspect.errors import DataError
+from plc_inspect.grid import run as grid_run
 from plc_inspect.grid import whole_values
 from plc_inspect.grid.cells import cut
 from plc_inspect.grid.cells.room import open_room
@@ -103,6 +104,27 @@ def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
     np.testing.assert_array_equal(table[:, :3], whole[:, :3])
     np.testing.assert_array_equal(table[:, 4:], whole[:, 4:])
     assert (table[:, 3] != whole[:, 3]).sum() <= 1e-4 * len(whole)
+
+
+def test_spans_that_memory_cuts_off_are_told_and_looked_at_again(tmp_path, monkeypatch):
+    path = write_las(tmp_path / 'line.las', make_line(1))
+    cut = {'edge': 45.0, 'tile_edge': 45.0, 'halo': 20.0}
+    with monkeypatch.context() as patch:
+        patch.setattr(grid_run, 'count_allowed', lambda memory: 11_000)
+        summary, _ = inspect(tmp_path / 'out', [path], **cut)
+    note = summary.notes[-1]
+    assert re.match(r'spans near \d+ tiles are cut off by halos of 30 m and more, and mem', note)
+    told = []
+    summary, jobs = inspect(tmp_path / 'out', [path], told, **cut)
+    assert not any('cut off' in note for note in summary.notes)
+    assert next(done for step, done, *_ in told if step == 'tile') < len(jobs)
+    whole = Pipeline().run(read_cloud(path).points)
+    assert [own.sag for own in summary.joined.spans] == pytest.approx(
+        [own.sag for own in whole.spans], abs=1e-3
+    )
+    told.clear()
+    inspect(tmp_path / 'out', [path], told, **cut)  # and not once more
+    assert [step[1:] for step in told if step[0] == 'tile'] == [(len(jobs), len(jobs), 0)]
 
 
 def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
