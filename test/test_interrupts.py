@@ -18,13 +18,16 @@ def fail_with(cause):
 def test_a_kernel_that_was_interrupted_is_an_interrupt():
     with pytest.raises(KeyboardInterrupt), interruptible():
         fail_with(KeyboardInterrupt())
+    with pytest.raises(SystemExit, match='143'), interruptible():  # as by SIGTERM
+        fail_with(SystemExit(143))
     with pytest.raises(SystemError), interruptible():
         fail_with(ValueError())
 
 
 def test_a_task_that_is_interrupted_ends_the_run_and_not_only_itself():
-    with pytest.raises(KeyboardInterrupt):
-        call(Task(name='tile', function=fail_with, arguments=(KeyboardInterrupt(),)))
+    for cause in (KeyboardInterrupt(), SystemExit(143)):
+        with pytest.raises(type(cause)):
+            call(Task(name='tile', function=fail_with, arguments=(cause,)))
     assert 'SystemError' in call(
         Task(name='tile', function=fail_with, arguments=(ValueError(),))
     ).error

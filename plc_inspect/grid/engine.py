@@ -18,6 +18,7 @@ import time
 from typing import Any, Protocol
 
 from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.grid.memory_limits import measure_left
 from plc_inspect.interrupts import interruptible
 from plc_inspect.printable import make_one_line
 
@@ -142,8 +143,8 @@ class DaskEngine:
             raise DataError(f'the scheduler at {client.scheduler.address} has no workers')
         self.num_workers = sum(int(item['nthreads']) for item in workers.values())
         limits = [item['memory_limit'] / item['nthreads'] for item in workers.values()]
-        least = min(limit for limit in limits)
-        self.memory = memory or (least if least > 0 else measure_available())
+        least = min((limit for limit in limits if limit > 0), default=0.0)  # 0 is unlimited
+        self.memory = memory or least or measure_available()
         self.address = str(client.dashboard_link or '')
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
@@ -284,20 +285,19 @@ def _connect(scheduler: str, memory: float | None, timeout: float) -> Iterator[E
     named = {'scheduler_file' if is_file else 'address': scheduler}
     try:
         client = Client(**named, timeout=timeout)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError, TimeoutError) as error:
-        raise DataError(
-            f'no Dask scheduler answers at {scheduler}: {make_one_line(error)}'
-        ) from error
+    except Exception as error:  # also of a file that holds no address, or of TLS without keys
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'no Dask scheduler answers at {scheduler}: {text}') from error
     with client:
         yield DaskEngine(client, memory)
 
 
 def measure_available() -> float:
-    """Return the free memory less a tenth [bytes]."""
+    """Return the memory that is free and that limits allow, less a tenth [bytes]."""
     try:
         with open('/proc/meminfo', encoding='ascii') as file:
             values = dict(line.split(':', 1) for line in file)
         free = float(values['MemAvailable'].split()[0]) * 1024.0
     except (OSError, KeyError, ValueError):
         free = float(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')) / 2
-    return 0.9 * free
+    return 0.9 * max(min(free, measure_left()), 0.0)

@@ -73,6 +73,7 @@ def render_index(
     names = {job.tile.number: job.tile.name for job in jobs}
     kinds = Counter((item['severity'], item['kind']) for item in hazards)
     number = Counter(item['severity'] for item in hazards)
+    own = Counter(joined.span_tiles)
     per_tile: dict[int, Counter[Severity]] = {}
     for tile, item in zip(joined.hazard_tiles, joined.hazards, strict=True):
         per_tile.setdefault(tile, Counter())[item.severity] += 1
@@ -102,7 +103,7 @@ def render_index(
             {
                 'name': job.tile.name, 'page': _choose_page(job.tile.name, reports),
                 'points': job.tile.num_points, 'seen': _render_sight(reports.get(job.tile.name)),
-                'spans': answer['num_spans'],
+                'spans': own[job.tile.number],
                 'hazards': _count(per_tile.get(job.tile.number, Counter())),
                 'halo': f'{answer["halo"]:.0f}', 'seconds': f'{answer["seconds"]:.1f}',
                 'memory': f'{answer["peak_memory"] / 1e9:.2f}',

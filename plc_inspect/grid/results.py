@@ -151,7 +151,8 @@ def _compare(run: GridRun, summary: GridSummary) -> GridSummary:
         return summary
     try:
         changes = find_changes(
-            run.baseline, read_survey(run.folder), run.settings.hazards.sag_deviation
+            run.baseline, read_survey(run.folder, is_running=True),
+            run.settings.hazards.sag_deviation,
         )
     except DataError as error:
         failure = ('baseline', run.baseline.name, str(error))

@@ -49,7 +49,7 @@ from plc_inspect.grid.tiles.tile_job import (
     TILES,
     write_catalogue,
 )
-from plc_inspect.grid.tiles.tile_run import inspect_tile
+from plc_inspect.grid.tiles.tile_run import find_wider, inspect_tile
 from plc_inspect.offline.records.changes import Survey
 
 WORK = 'work'
@@ -85,6 +85,8 @@ class GridRun:
     tell: Tell
     baseline: Survey | None = None
     """An earlier survey to compare with."""
+    room: Path = Path()
+    """Where its tasks write aside; see `room.open_room`."""
     failures: list[str] = field(default_factory=list)
     num_defects: int = 0
 
@@ -185,12 +187,13 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
     reference = np.floor((low + high) / 2)
     plane = lay_stray_grid(low, high)
     folder = run.work / CELLS
+    folder.mkdir(exist_ok=True)
     tasks, keys = [], {}
     for source in sources:
         for part in range(count_parts(source)):
             name = name_part(source.number, part)
             tasks.append(Task(name=name, function=cut_part, arguments=(
-                str(folder), source, part, grid, tuple(reference.tolist()), plane,
+                str(run.room), str(folder), source, part, grid, tuple(reference.tolist()), plane,
             )))
             keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
                                   reference.tolist(), low.tolist(), high.tolist(), STATISTICS,
@@ -329,7 +332,9 @@ def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:
         cut.grid, cut.counts, run.options.halo, run.allowed, run.options.tile_edge
     )
     return [
-        TileJob(folder=str(run.work), tile=tile, grid=cut.grid, strays=cut.strays)
+        TileJob(
+            folder=str(run.work), room=str(run.room), tile=tile, grid=cut.grid, strays=cut.strays
+        )
         for tile in tiles
     ]
 
@@ -348,6 +353,8 @@ def inspect_tiles(
         tile = tiles[name]
         if not has_found(run.work / TILES / name):
             return ''
+        if answer['num_cut'] and find_wider(answer['halo'], answer['num_read'], run.allowed):
+            return ''  # now there is memory for a halo that was too wide
         near = tile.cells(cut.grid, answer['halo'])
         first, last = np.searchsorted(cells, near), np.searchsorted(cells, near, side='right')
         used = sorted({

@@ -3,16 +3,18 @@
 
 """Survey a grid, from its inputs to its results folder."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import time
+from typing import Any
 
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.cells.layout import count_allowed
+from plc_inspect.grid.cells.room import open_room
 from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
 from plc_inspect.grid.grid_folder import check_all_named, LOG, open_grid_folder
@@ -142,12 +144,14 @@ def inspect_sources(
 
     """
     held = [source for source in sources if source.num_points]  # others have no bounds
-    cut, jobs = cut_and_plan(run, held)
-    run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
-    answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
+    with open_room(run.work) as run.room:
+        cut, jobs = cut_and_plan(run, held)
+        memory = estimate_memory(jobs) / 1e9
+        run.tell(f'memory: {memory:.1f} GB for the largest of', 0, len(jobs), 0)
+        answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
     notes = [
         *(source.note for source in sources if source.note), *cut.notes, *find_twins(held),
-        *question_times(held),
+        *question_times(held), *describe_cut(answers.values()),
     ]
     return write_grid(run, sources, refusals, cut, jobs, answers, notes), jobs
 
@@ -164,6 +168,18 @@ def find_twins(sources: Sequence[Source]) -> list[str]:
                 ' bounds: if they are one tile, its points are counted twice; leave one out'
             )
     return notes
+
+
+def describe_cut(answers: Iterable[dict[str, Any]]) -> list[str]:
+    """Return a note if spans are cut off by halos that could not be wider."""
+    halos = [answer['halo'] for answer in answers if answer['num_cut']]
+    if not halos:
+        return []
+    return [
+        f'spans near {len(halos)} tiles are cut off by halos of {min(halos):.0f} m and more, and'
+        ' memory or the limit of 2 km allows no wider ones: ends, sags and hazards may differ'
+        ' there from those of one run; give more --memory, or a smaller --tile'
+    ]
 
 
 def question_times(sources: Sequence[Source]) -> list[str]:

@@ -123,3 +123,13 @@ def write_xyz(path, points, *, mark=' ', head=''):
     """Write points as text."""
     np.savetxt(path, points, fmt='%.3f', delimiter=mark, header=head, comments='')
     return path
+
+
+def write_pcd(path, points):
+    """Write points as PCD, binary, in double precision."""
+    head = (
+        f'VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(points)}\n'
+        f'HEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA binary\n'
+    )
+    path.write_bytes(head.encode() + points.astype('<f8').tobytes())
+    return path

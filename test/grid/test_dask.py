@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 from grid.clusters import start_cluster
 from grid.grids import inspect, make_line, open_run, write_las
@@ -160,6 +161,35 @@ def test_no_scheduler_is_one_clear_error():
         pass
     with pytest.raises(DataError, match=r'^--scheduler none.json: there is no such file; name'), \
             open_engine(1, 'none.json', MEMORY):
+        pass
+
+
+@pytest.mark.parametrize('text', ['junk', '{}', '[]', '{"address": 5}', '{"address": "http://a"}'])
+def test_a_file_that_no_scheduler_wrote_is_one_clear_error(text, tmp_path):
+    path = tmp_path / 'scheduler.json'
+    path.write_text(text)
+    with pytest.raises(DataError, match=f'no Dask scheduler answers at {path}: .'), \
+            open_engine(1, str(path), MEMORY, timeout=0.5):
+        pass
+
+
+def test_memory_is_that_of_the_smallest_worker_with_a_limit(monkeypatch):
+    monkeypatch.setattr(engine, 'measure_available', lambda: 5e9)
+    for limits, expected in (([0, 4e9, 6e9], 2e9), ([0, 0], 5e9)):
+        workers = {
+            str(k): {'nthreads': 2, 'memory_limit': limit} for k, limit in enumerate(limits)
+        }
+        client = SimpleNamespace(
+            wait_for_workers=lambda *_, **__: None, dashboard_link='',
+            scheduler_info=lambda n_workers, workers=workers: {'workers': workers},
+        )
+        assert engine.DaskEngine(client, None).memory == expected
+        assert engine.DaskEngine(client, 1e9).memory == 1e9
+
+
+def test_tls_without_keys_is_one_clear_error():
+    with pytest.raises(DataError, match='check your TLS configuration'), \
+            open_engine(1, 'tls://127.0.0.1:9', MEMORY, timeout=0.5):
         pass
 
 

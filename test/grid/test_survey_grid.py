@@ -27,9 +27,15 @@ from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
+from plc_inspect.errors import DataError
+from plc_inspect.grid import run as grid_run
 from plc_inspect.grid import whole_values
-from plc_inspect.grid.engine import OwnProcess, Task
+from plc_inspect.grid.cells import cut
+from plc_inspect.grid.cells.room import open_room
+from plc_inspect.grid.engine import call, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
+from plc_inspect.grid.tiles.survey_whole import measure_candidates, measure_ground
+from plc_inspect.grid.tiles.tile_run import inspect_tile
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
 from plc_inspect.offline.records.inspection import Units
@@ -100,9 +106,31 @@ def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
     assert (table[:, 3] != whole[:, 3]).sum() <= 1e-4 * len(whole)
 
 
+def test_spans_that_memory_cuts_off_are_told_and_looked_at_again(tmp_path, monkeypatch):
+    path = write_las(tmp_path / 'line.las', make_line(1))
+    cut = {'edge': 45.0, 'tile_edge': 45.0, 'halo': 20.0}
+    with monkeypatch.context() as patch:
+        patch.setattr(grid_run, 'count_allowed', lambda memory: 11_000)
+        summary, _ = inspect(tmp_path / 'out', [path], **cut)
+    note = summary.notes[-1]
+    assert re.match(r'spans near \d+ tiles are cut off by halos of 30 m and more, and mem', note)
+    told = []
+    summary, jobs = inspect(tmp_path / 'out', [path], told, **cut)
+    assert not any('cut off' in note for note in summary.notes)
+    assert next(done for step, done, *_ in told if step == 'tile') < len(jobs)
+    whole = Pipeline().run(read_cloud(path).points)
+    assert [own.sag for own in summary.joined.spans] == pytest.approx(
+        [own.sag for own in whole.spans], abs=1e-3
+    )
+    told.clear()
+    inspect(tmp_path / 'out', [path], told, **cut)  # and not once more
+    assert [step[1:] for step in told if step[0] == 'tile'] == [(len(jobs), len(jobs), 0)]
+
+
 def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     """They tell of each span what one run over the merged cloud tells, across tiles."""
-    summary, jobs = inspect(tmp_path / 'out', [cloud], edge=45.0, tile_edge=90.0, halo=130.0)
+    # the middle of the first span lies on the border of two tiles
+    summary, jobs = inspect(tmp_path / 'out', [cloud], edge=60.0, tile_edge=60.0, halo=130.0)
     page = (tmp_path / 'out' / 'index.html').read_text()
     links = re.findall(r'href="(tiles/[^"#]+/report\.html)#(hazard-\d+)"', page)
     assert len(links) == len(merged.hazards) > 0
@@ -110,6 +138,9 @@ def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
         assert f'id="{anchor}"' in (tmp_path / 'out' / place).read_text()
     for name in re.findall(r'href="(tiles/[^"#]+)', page):
         assert (tmp_path / 'out' / name).is_file()
+    counts = re.findall(r'</a></td><td class="n">[\d,]+</td><td class="n">(\d+)</td>', page)
+    assert len(counts) == len(jobs)
+    assert sum(map(int, counts)) == len(merged.spans)
     told = re.findall(r'(critical|warning|notice)</span></td><td>', page)
     assert told == sorted(told, key=('critical', 'warning', 'notice').index)
 
@@ -219,6 +250,35 @@ def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
     np.testing.assert_array_equal(collect(folder), before)
     for path in folder.glob('tiles/*/report.html'):
         assert (path.parent / 'coverage.json').is_file()
+
+
+def test_tasks_of_a_killed_run_leave_the_next_one_alone(cloud, tmp_path, monkeypatch):
+    """Those that have begun go on in the workers of a cluster, beside those of that run."""
+    class Recorder(OwnProcess):
+        def run(self, tasks):
+            begun.extend(tasks)
+            return super().run(tasks)
+
+    def stamp():
+        return {path: path.stat().st_mtime_ns for path in work.glob('*/*')}
+
+    def read_slowly(source, part):
+        for points, attributes in read(source, part):
+            yield points[::2], attributes[::2]
+            with open_room(work):  # the next run begins
+                yield points[1::2], attributes[1::2]
+
+    begun, read, work = [], cut.read_part, tmp_path / 'out/work'
+    inspect(tmp_path / 'out', [cloud], engine=Recorder(GIGABYTES), tile_edge=180.0, halo=130.0)
+    before, tried = stamp(), {cut.cut_part, measure_ground, measure_candidates, inspect_tile}
+    assert tried <= {task.function for task in begun}
+    for task in begun:
+        if task.function in tried:
+            assert 'No such file or directory' in call(task).error
+    monkeypatch.setattr(cut, 'read_part', read_slowly)
+    with open_room(work) as room, pytest.raises(DataError, match='No such file or directory'):
+        cut.cut_part(str(room), *begun[0].arguments[1:])
+    assert stamp() == before
 
 
 def test_heights_of_a_grid_are_those_of_the_whole(tmp_path):

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 import hashlib
 import json
 from pathlib import Path
-import shutil
 from typing import Any
 
 import laspy
@@ -19,6 +18,7 @@ from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.extraction.stray_points import StrayGrid
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid
+from plc_inspect.grid.cells.room import publish
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.offline.export.points_file import ORIGINAL
 from plc_inspect.offline.readers.clouds import (
@@ -125,6 +125,7 @@ def describe_lost(sources: Sequence[Source], answers: dict[str, Stats]) -> list[
 
 
 def cut_part(
+    room: str,
     folder: str,
     source: Source,
     part: int,
@@ -137,8 +138,10 @@ def cut_part(
 
     Parameters
     ----------
+    room : str
+        Where the run writes aside.
     folder : str
-        Receives a folder of the part's name, which appears once it is complete.
+        Exists; receives a folder of the part's name, which appears once it is complete.
     source : Source
         The input.
     part : int
@@ -162,31 +165,25 @@ def cut_part(
 
     """
     name = name_part(source.number, part)
-    aside, place = Path(folder) / f'{name}.partial', Path(folder) / name
-    shutil.rmtree(aside, ignore_errors=True)
     stats = _Stats(grid, np.array(reference), strays)
     written = 0
     try:
-        aside.mkdir(parents=True)
-        for points, attributes in read_part(source, part):
-            stats.add(points, source)
-            _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
-            written += len(points)
-        if stats.num_outside:
-            raise DataError(
-                f'{source.path}: {stats.num_outside} of {written} points lie outside the bounds '
-                'in its header, by more than 1 m: rewrite the file'
-            )
-        result = stats.render(name, written) | {'sha256': _hash(source.path) if part == 0 else ''}
-        (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
-        shutil.rmtree(place, ignore_errors=True)
-        aside.rename(place)
+        with publish(Path(room), Path(folder) / name) as aside:
+            aside.mkdir()
+            for points, attributes in read_part(source, part):
+                stats.add(points, source)
+                _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
+                written += len(points)
+            if stats.num_outside:
+                raise DataError(
+                    f'{source.path}: {stats.num_outside} of {written} points lie outside the'
+                    ' bounds in its header, by more than 1 m: rewrite the file'
+                )
+            digest = _hash(source.path) if part == 0 else ''
+            result = stats.render(name, written) | {'sha256': digest}
+            (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
     except OSError as error:  # those of the input are DataError
-        shutil.rmtree(aside, ignore_errors=True)
         raise DataError(f'{folder} cannot be written: {error.strerror or error}') from error
-    except BaseException:
-        shutil.rmtree(aside, ignore_errors=True)
-        raise
     return result
 
 

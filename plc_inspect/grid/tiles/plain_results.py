@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.results import (
     Bool,
     Float64,
@@ -74,7 +75,7 @@ class FoundTile:
 
 
 def write_found(
-    place: Path, result: InspectionResult, core: Bool, kept: Bool, *, middles: Float64,
+    job: TileJob, result: InspectionResult, core: Bool, kept: Bool, *, middles: Float64,
     territory: Rectangle, vegetation: Mapping[SpanKey, float | None],
 ) -> None:
     """
@@ -82,8 +83,8 @@ def write_found(
 
     Parameters
     ----------
-    place : Path
-        Path prefix of its files.
+    job : TileJob
+        The tile.
     result : InspectionResult
         Of N points and S spans.
     core : (N,) bool
@@ -98,7 +99,6 @@ def write_found(
         Distance of each span to vegetation [m].
 
     """
-    place.parent.mkdir(parents=True, exist_ok=True)
     spans = [result.spans[k] for k in np.flatnonzero(kept).tolist()]
     keys = {(span.line_id, span.span_id) for span in spans}
     value = {
@@ -120,12 +120,10 @@ def write_found(
             np.float16
         ),
     }
-    with Path(f'{place}.labels.npz.partial').open('wb') as file:
-        np.savez(file, **arrays)
-    Path(f'{place}.labels.npz.partial').rename(f'{place}.labels.npz')
-    aside = Path(f'{place}.json.partial')
-    aside.write_text(json.dumps(value), encoding='utf-8')
-    aside.rename(f'{place}.json')
+    with job.publish('.labels.npz') as aside:
+        np.savez(aside, **arrays)
+    with job.publish('.json') as aside:
+        aside.write_text(json.dumps(value), encoding='utf-8')
 
 
 def has_found(place: Path) -> bool:

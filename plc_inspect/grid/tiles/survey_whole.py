@@ -85,11 +85,11 @@ def measure_ground(
     surface = measure_surface(frame.enter(found.points), settings, region=region)
     known = surface.height[found.core]
     known = known[np.isfinite(known)]
-    job.place.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(
-        f'{job.place}{HEIGHTS}', known=known, height=surface.height, extremes=surface.extremes,
-        num_finite=surface.num_finite,
-    )
+    with job.publish(HEIGHTS) as aside:
+        np.savez(
+            aside, known=known, height=surface.height, extremes=surface.extremes,
+            num_finite=surface.num_finite,
+        )
     return {
         'extremes': [float(known.min(initial=math.inf)), float(known.max(initial=-math.inf))],
     }
@@ -168,7 +168,8 @@ def measure_candidates(
     origin = anchor(cloud.points, cloud.high, linearity)
     places = find_candidates(cloud.points, cloud.high, origin, linearity).position
     places = places[_is_inside(frame.leave(places), job.tile.rectangle(job.grid))]
-    np.save(f'{job.place}{CANDIDATES}', places)
+    with job.publish(CANDIDATES) as aside:
+        np.save(aside, places)
     plan = places[:, :2]
     return {
         'name': job.tile.name, 'num': len(places),

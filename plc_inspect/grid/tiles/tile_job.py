@@ -4,6 +4,7 @@
 """The input of a task on one tile, and how it reads its points."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 import json
 from pathlib import Path
@@ -16,6 +17,7 @@ from plc_inspect.core.extraction.stray_points import StrayGrid
 from plc_inspect.core.whole import Whole
 from plc_inspect.grid.cells.layout import CellGrid, Tile
 from plc_inspect.grid.cells.pieces import Piece, Points, read_piece, read_points
+from plc_inspect.grid.cells.room import publish
 from plc_inspect.results import Bool, Float64
 
 CELLS, TILES = 'cells', 'tiles'
@@ -38,6 +40,8 @@ class TileJob:
 
     folder: str
     """Working folder of all tasks."""
+    room: str
+    """Where the run writes aside."""
     tile: Tile
     grid: CellGrid
     strays: tuple[StrayCells, ...] = ()
@@ -46,6 +50,12 @@ class TileJob:
     def place(self) -> Path:
         """Path prefix of the files of this tile."""
         return Path(self.folder) / TILES / self.tile.name
+
+    def publish(self, suffix: str) -> AbstractContextManager[Path]:
+        """Write the file of this tile with a suffix; see `room.publish`."""
+        place = Path(f'{self.place}{suffix}')
+        place.parent.mkdir(parents=True, exist_ok=True)
+        return publish(Path(self.room), place)
 
     def read(self, halo: float) -> Points:
         """Read the points of the tile and its halo [m]; stray points are NaN."""

@@ -105,14 +105,12 @@ def inspect_tile(
         result = pipeline.run_part(found.points, found.number, whole)
         num_points = len(found.points)
         look = _judge(result, found.core, job.tile.rectangle(job.grid), outer, bound)
-        wider = min(halo * WIDEN, MOST_HALO)
-        if not look.num_cut or wider <= halo:
-            break
-        if num_points * (wider / halo) > most_points:
+        wider = find_wider(halo, num_points, most_points)
+        if not look.num_cut or wider is None:
             break
         halo = wider
     write_found(
-        job.place, look.result, look.core, look.near | look.claimed,
+        job, look.result, look.core, look.near | look.claimed,
         middles=look.middles, territory=job.tile.rectangle(job.grid),
         vegetation=measure_clearances(look.result, settings.hazards.min_points),
     )
@@ -123,6 +121,29 @@ def inspect_tile(
         'seconds': time.perf_counter() - started, 'peak_memory': measure_peak_memory(),
         'expected_memory': BASE_BYTES + BYTES_PER_POINT * num_points,
     }
+
+
+def find_wider(halo: float, num_points: int, most_points: int) -> float | None:
+    """
+    Return the halo to try after one that cuts off a span.
+
+    Parameters
+    ----------
+    halo : float
+        Around the tile so far [m].
+    num_points : int
+        Points in the tile with this halo.
+    most_points : int
+        As many as fit in memory.
+
+    Returns
+    -------
+    float or None
+        [m]; None where it would be too wide, or hold too many points.
+
+    """
+    wider = min(halo * WIDEN, MOST_HALO)
+    return wider if wider > halo and num_points * (wider / halo) <= most_points else None
 
 
 def _judge(

@@ -15,6 +15,7 @@ from typing import Any, TYPE_CHECKING
 from plc_inspect import __version__
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.commands.command_line import BAD_INPUT, DEFECT, DONE, show_progress
+from plc_inspect.offline.commands.grid import check_numbers, choose_memory, tell_dashboard
 from plc_inspect.offline.readers.bags import find_recordings
 from plc_inspect.printable import check_name, make_one_line, make_printable
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 FLIGHTS = 'flights'
 STAGE = 'flight'
-GIGABYTE = 1e9
 
 
 def are_many(arguments: argparse.Namespace) -> bool:
@@ -118,8 +118,7 @@ def check_flights(arguments: argparse.Namespace) -> None:
     for name, option in (('baseline', '--baseline'), ('origin', '--origin')):
         if getattr(arguments, name):
             raise ConfigError(f'{option} is for a single flight, not for many')
-    if arguments.workers is not None and arguments.workers < 1:
-        raise ConfigError(f'--workers must be 1 or more, got {arguments.workers}')
+    check_numbers(arguments, ('workers', 'memory'))
 
 
 def replay_flight(
@@ -193,12 +192,13 @@ def run_flights(
     check_outside(paths, folder)
     files = (*LEDGER_FILES, TABLE, LOG, 'run.json', 'index.html', FLIGHTS)
     check_grid_folder(folder, files)
-    memory = None if arguments.memory is None else arguments.memory * GIGABYTE
+    memory = choose_memory(arguments, has_tiles=False)
     with (
         open_engine(arguments.workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
         open_grid_folder(folder, arguments.force, files) as ledger,
     ):
+        tell_dashboard(engine, arguments.quiet)
         known = ledger.find_fact(FLIGHTS) or {}
         check_all_named(folder, [
             path for name, path in known.items() if _find_result(folder, name).is_file()

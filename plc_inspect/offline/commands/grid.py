@@ -4,6 +4,7 @@
 """The grid of ``plc_survey``: many inputs, or one that is divided."""
 
 import argparse
+from collections.abc import Iterable
 import glob
 import math
 from pathlib import Path
@@ -17,10 +18,13 @@ from plc_inspect.printable import make_one_line, make_printable
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
     from plc_inspect.core.hazards.clearance_rules import RuleSet
+    from plc_inspect.grid.engine import Engine
     from plc_inspect.grid.results import GridSummary
     from plc_inspect.offline.records.changes import Survey
 
 GIGABYTE = 1e9
+LEAST, MOST = {'workers': 1, 'memory': 0.1, 'tile': 1.0, 'halo': 1.0}, 1e9
+"""Range of the options of a grid, in their units."""
 NAMED = ('input', 'cut')
 """Stages whose errors name the file."""
 MOST_LISTED = 20
@@ -75,11 +79,41 @@ def check_grid_arguments(arguments: argparse.Namespace) -> None:
         if getattr(arguments, name):
             option = '--case' if name == 'cases' else f'--{name}'
             raise ConfigError(f'{option} is for a single cloud, not for a grid')
-    for name, least in (('workers', 1), ('memory', 0.1), ('tile', 1.0), ('halo', 1.0)):
-        value = getattr(arguments, name)
-        if value is not None and not (math.isfinite(value) and value >= least):
-            raise ConfigError(f'--{name} must be {least:g} or more, got {value:g}')
+    check_numbers(arguments, LEAST)
     check_grid_folder(arguments.output)
+
+
+def check_numbers(arguments: argparse.Namespace, names: Iterable[str]) -> None:
+    """Raise ConfigError if one of the options of a grid that are named is out of its range."""
+    from plc_inspect.errors import ConfigError
+
+    for name in names:
+        value, least = getattr(arguments, name), LEAST[name]
+        if value is not None and not least <= value <= MOST:
+            raise ConfigError(
+                f'--{name} must be {least:g} or more, at most {MOST:g}, got {value:g}'
+            )
+
+
+def choose_memory(arguments: argparse.Namespace, has_tiles: bool = True) -> float | None:
+    """
+    Return the memory of each worker [bytes], None for that of the engine.
+
+    Raises
+    ------
+    DataError
+        It is too small: what the arguments say, and with tiles what is free.
+
+    """
+    from plc_inspect.grid.cells.layout import count_allowed
+    from plc_inspect.grid.engine import measure_available
+
+    if arguments.memory is not None:
+        count_allowed(arguments.memory * GIGABYTE)
+        return float(arguments.memory * GIGABYTE)
+    if has_tiles and arguments.scheduler is None:
+        count_allowed(measure_available() / (arguments.workers or 1))
+    return None
 
 
 def run_grid(
@@ -100,8 +134,7 @@ def run_grid(
         See `survey_grid`.
 
     """
-    from plc_inspect.grid.cells.layout import count_allowed
-    from plc_inspect.grid.engine import measure_available, open_engine
+    from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.run import GridOptions
     from plc_inspect.grid.survey_grid import GridInputs, survey_grid
 
@@ -111,17 +144,12 @@ def run_grid(
         baseline=baseline,
     )
     options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
-    memory, workers = None, arguments.workers
-    if arguments.memory is not None:
-        memory = arguments.memory * GIGABYTE
-    if arguments.scheduler is None:  # before they are started
-        count_allowed(memory or measure_available() / (workers or 1))
+    memory = choose_memory(arguments)  # before workers are started
     with (
-        open_engine(workers, arguments.scheduler, memory) as engine,
+        open_engine(arguments.workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
     ):
-        if engine.address and not arguments.quiet:
-            print(f'dashboard: {engine.address}', file=sys.stderr)
+        tell_dashboard(engine, arguments.quiet)
 
         def tell(step: str, done: int, total: int, failed: int) -> None:
             label = f'{step} {done}/{total}' + (f', {failed} failed' if failed else '')
@@ -151,6 +179,12 @@ def run_grid(
         )
         return DEFECT if summary.num_defects else BAD_INPUT
     return DONE
+
+
+def tell_dashboard(engine: 'Engine', quiet: bool) -> None:
+    """Print the address of the dashboard of an engine, if it has one."""
+    if engine.address and not quiet:
+        print(f'dashboard: {engine.address}', file=sys.stderr)
 
 
 def render_grid(summary: 'GridSummary') -> str:

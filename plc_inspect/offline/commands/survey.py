@@ -181,21 +181,18 @@ def _begin(call: Callable[[], T]) -> 'Future[T]':
 
 def check_memory(path: Path) -> None:
     """
-    Raise DataError if a large LAS or LAZ file does not fit in memory in one run.
+    Raise DataError if a large file does not fit in memory in one run.
 
     Only its header is read; errors in the file are reported when it is read.
     """
-    if path.suffix.lower() not in ('.las', '.laz') or not path.is_file():
-        return
-    if path.stat().st_size < LARGEST_UNASKED:
+    if not path.is_file() or path.stat().st_size < LARGEST_UNASKED:
         return
     from plc_inspect.grid.engine import measure_available
-    from plc_inspect.offline.readers.laz import open_checked
+    from plc_inspect.offline.readers.clouds import count_points
 
     try:
-        with open_checked(path) as reader:
-            num_points = int(reader.header.point_count)
-    except DataError:  # reported when the file is read
+        num_points = count_points(path)
+    except (DataError, OSError):  # reported when the file is read
         return
     free, needed = measure_available(), BASE_BYTES + BYTES_PER_POINT * num_points
     if needed > free:

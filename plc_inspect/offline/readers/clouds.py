@@ -19,6 +19,7 @@ from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.readers.laz import open_checked
 from plc_inspect.offline.readers.plain_clouds import (
+    count_plain_points,
     find_named_crs,
     is_plain,
     read_points,
@@ -157,6 +158,20 @@ def read_cloud(
         las=las,
         note=note,
     )
+
+
+def count_points(path: Path) -> int:
+    """
+    Return how many points a file holds by its header, about how many if it is text.
+
+    0 if its suffix is none of SUFFIXES; DataError if the header cannot be read.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        return 0
+    if is_plain(path):
+        return count_plain_points(path)
+    with open_checked(path) as reader:
+        return int(reader.header.point_count)
 
 
 def choose_units(

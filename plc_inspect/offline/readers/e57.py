@@ -48,6 +48,12 @@ def iterate_e57(path: Path, most: int) -> Iterator[Float64]:
             yield from _iterate_scan(path, file, number, most)
 
 
+def count_e57(path: Path) -> int:
+    """Return how many points the headers of all scans of an E57 file count."""
+    with _open(path) as file:
+        return sum(int(file.get_header(k).point_count) for k in range(file.scan_count))
+
+
 def find_e57_crs(path: Path) -> str:
     """Return the coordinate reference system in an E57 file as WKT, '' if none."""
     with _open(path) as file:

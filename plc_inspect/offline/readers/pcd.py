@@ -73,6 +73,12 @@ def read_pcd(path: Path) -> Float64:
     return points
 
 
+def count_pcd(path: Path) -> int:
+    """Return how many points the header of a PCD file counts."""
+    with path.open('rb') as file:
+        return _parse_header(path, file.read(_MAX_HEADER)).num_points
+
+
 def _parse_header(path: Path, data: bytes) -> _Header:
     values: dict[str, list[str]] = {}
     position = 0

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.e57 import find_e57_crs, iterate_e57
-from plc_inspect.offline.readers.pcd import read_pcd
-from plc_inspect.offline.readers.ply import iterate_ply
-from plc_inspect.offline.readers.xyz import iterate_xyz
+from plc_inspect.offline.readers.e57 import count_e57, find_e57_crs, iterate_e57
+from plc_inspect.offline.readers.pcd import count_pcd, read_pcd
+from plc_inspect.offline.readers.ply import count_ply, iterate_ply
+from plc_inspect.offline.readers.xyz import estimate_xyz, iterate_xyz
 from plc_inspect.results import Float64
 
 CHUNK = 1_000_000
@@ -30,11 +30,21 @@ READERS: dict[str, Callable[[Path, int], Iterator[Float64]]] = {
     '.csv': iterate_xyz,
 }
 """Readers by suffix."""
+_COUNTERS: dict[str, Callable[[Path], int]] = {
+    '.pcd': count_pcd, '.e57': count_e57, '.ply': count_ply, '.xyz': estimate_xyz,
+    '.csv': estimate_xyz,
+}
+"""Functions that count points without reading them, by suffix."""
 
 
 def is_plain(path: Path | str) -> bool:
     """Tell whether only coordinates are read from a file, by its suffix."""
     return Path(path).suffix.lower() in READERS
+
+
+def count_plain_points(path: Path) -> int:
+    """Return how many points a file holds by its header, about how many if it is text."""
+    return _COUNTERS[path.suffix.lower()](path)
 
 
 def iterate_points(path: Path, most: int = CHUNK) -> Iterator[Float64]:

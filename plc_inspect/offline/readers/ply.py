@@ -16,6 +16,7 @@ from plc_inspect.results import Float64
 
 _VERTEX = 'vertex'
 _END = b'end_header'
+_MOST_LINE = 10_000
 
 
 def iterate_ply(path: Path, most: int) -> Iterator[Float64]:
@@ -61,6 +62,18 @@ def iterate_ply(path: Path, most: int) -> Iterator[Float64]:
         points = np.column_stack([np.asarray(part[name], dtype=np.float64) for name in 'xyz'])
         check_precision(path, points, kinds)
         yield points
+
+
+def count_ply(path: Path) -> int:
+    """Return how many vertices the header of a PLY file counts, 0 if it does not say."""
+    with path.open('rb') as file:
+        for line in iter(lambda: file.readline(_MOST_LINE), b''):
+            words = line.split()
+            if words[:2] == [b'element', _VERTEX.encode()] and len(words) == 3:
+                return int(words[2]) if words[2].isdigit() and len(words[2]) < 19 else 0
+            if words[:1] == [_END]:
+                break
+    return 0
 
 
 def _read(path: Path) -> Any:

@@ -32,7 +32,8 @@ from plc_inspect.results import Float64, Hazard, Int32, Int64, PointClass, Span
 
 CANOPY_CELL = 1.0
 """Edge of the plan cells whose highest vegetation is compared [m]."""
-TILES, POINTS = 'tiles', 'points.laz'
+TILES, POINTS, INDEX = 'tiles', 'points.laz', 'index.html'
+"""Of a grid; its run writes the last of these when all else is there."""
 MIN_CELLS = 5
 """Least number of cells from which growth is reported."""
 
@@ -80,14 +81,16 @@ class Changes:
     growth: tuple[Growth, ...]
 
 
-def read_survey(folder: Path) -> Survey:
+def read_survey(folder: Path, *, is_running: bool = False) -> Survey:
     """
     Read a results folder.
 
     Parameters
     ----------
     folder : Path
-        As `write_results` wrote it.
+        As `write_results` wrote it, or a run over a grid.
+    is_running : bool
+        The run over the grid has not come to its end, and has written all that is read.
 
     Returns
     -------
@@ -96,10 +99,16 @@ def read_survey(folder: Path) -> Survey:
     Raises
     ------
     DataError
-        The folder or one of its files is missing or malformed.
+        The folder or one of its files is missing or malformed, or a grid was left half-way.
 
     """
     folder = Path(folder)
+    is_grid = (folder / TILES).is_dir()
+    if is_grid and not is_running and not (folder / INDEX).is_file():
+        raise DataError(
+            f'{folder} is a grid whose last run has not come to its end, so its files may be of'
+            ' two runs: run it again'
+        )
     spans, hazards = (read_table(folder, name) for name in ('spans', 'hazards'))
     with understanding(folder / 'spans.json'):
         units = parse_units(spans['metres_per_unit'])

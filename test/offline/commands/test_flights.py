@@ -121,6 +121,9 @@ def test_what_is_no_recording_is_refused(bags, tmp_path, capfd):
         ([bags, '--origin', '59,18,20'], '--origin is for a single flight'),
         ([bags, '--baseline', bags], 'not a results folder'),
         ([bags, '--workers', '0'], '--workers must be 1 or more'),
+        ([bags, '--workers', '2', '--memory', 'nan'], '--memory must be 0.1 or more, at most'),
+        ([bags, '--workers', '2', '--memory', '-3'], '--memory must be 0.1 or more, at most'),
+        ([bags, '--workers', '2', '--memory', '0.2'], '0.20 GB for a worker are too few: allow'),
     ):
         assert run(*arguments, '-o', out) == 2
         _, error = capfd.readouterr()

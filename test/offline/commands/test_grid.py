@@ -12,7 +12,7 @@ from pathlib import Path
 import shutil
 import struct
 
-from grid.formats import write_copc, write_e57, write_ply, write_xyz
+from grid.formats import write_copc, write_e57, write_pcd, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
 import laspy
 import numpy as np
@@ -32,6 +32,7 @@ from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
+from plc_inspect.offline.readers.clouds import count_points
 
 OPTIONS = ['--halo', '60', '--memory', '2', '--quiet']
 
@@ -656,7 +657,11 @@ def test_grids_are_compared(tmp_path, capsys):
                     str(tmp_path / 'both.json')]) == 0
     both = json.loads((tmp_path / 'both.json').read_text())
     assert both['growth'] == record['growth']
+    (tmp_path / 'before/index.html').rename(tmp_path / 'index.html')  # as while a run goes on
     capsys.readouterr()
+    assert compare([str(tmp_path / 'before'), str(out)]) == 2
+    assert 'is a grid whose last run has not come to its end' in capsys.readouterr().err
+    (tmp_path / 'index.html').rename(tmp_path / 'before/index.html')
     far = write_las(tmp_path / 'far.las', points + 900.0, 'EPSG:25832')
     assert main([str(far), '-o', str(tmp_path / 'far'), *OPTIONS,
                  '--baseline', str(tmp_path / 'before')]) == 2
@@ -680,24 +685,37 @@ def test_the_geopackage_keeps_the_vertical_system(tmp_path):
         assert crs.sub_crs_list[1].name == 'DHHN2016 height'
 
 
-def test_a_cloud_larger_than_memory_is_told_before_it_is_read(tmp_path, capsys, monkeypatch):
-    path = write_las(tmp_path / 'a.las', make_line(1))
+@pytest.mark.parametrize(('name', 'write'), [
+    ('a.las', write_las), ('a.copc.laz', write_copc), ('a.ply', write_ply), ('a.e57', write_e57),
+    ('a.pcd', write_pcd), ('a.xyz', write_xyz), ('a.csv', write_xyz),
+])
+def test_a_cloud_larger_than_memory_is_told_before_it_is_read(
+    name, write, tmp_path, capsys, monkeypatch
+):
+    path, num = tmp_path / name, len(make_line(1))
+    write(path, make_line(1))
+    found = count_points(path)
+    assert found == pytest.approx(num, rel=0.1 if name[-3:] in ('xyz', 'csv') else 0.0)
     monkeypatch.setattr(survey, 'LARGEST_UNASKED', 0)
     monkeypatch.setattr(survey, 'BYTES_PER_POINT', 1_000_000)
     monkeypatch.setattr(engine, 'measure_available', lambda: 2.5e9)
     line = refuse(capsys, path, '-o', tmp_path / 'out')
-    num = len(make_line(1))
-    assert f'holds {num:,} points: one run over all of them takes' in line
+    assert f'holds {found:,} points: one run over all of them takes' in line
     assert line.endswith('2.5 GB are free: survey it in tiles, as with --memory 2.0')
     assert not (tmp_path / 'out').exists()
     monkeypatch.setattr(survey, 'BYTES_PER_POINT', 150)
-    assert main([str(path), '-o', str(tmp_path / 'out'), '--quiet']) == 0
+    survey.check_memory(path)
+    path.write_bytes(b'x' * 3000)  # told where it is read
+    survey.check_memory(path)
 
 
 def test_wrong_options_are_refused(folder, tmp_path, capsys):
     out, cloud = tmp_path / 'out', folder / 'a.laz'
     assert '--workers must be 1 or more' in refuse(capsys, cloud, '-o', out, '--workers', '0')
     assert 'are too few' in refuse(capsys, cloud, '-o', out, '--memory', '0.5')
+    for value in ('nan', '0', '1e300'):
+        line = refuse(capsys, cloud, '-o', out, '--memory', value)
+        assert f'--memory must be 0.1 or more, at most 1e+09, got {float(value):g}' in line
     assert 'for a single cloud' in refuse(capsys, cloud, '-o', out, '--halo', '60', '--pdf')
     assert 'not a results folder' in refuse(
         capsys, cloud, '-o', out, '--halo', '60', '--baseline', folder
