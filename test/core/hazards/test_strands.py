@@ -12,6 +12,7 @@ from toys import make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.conductor_hazards import find_interference
 from plc_inspect.core.hazards.crossings import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.strands import divide_section, find_strands, measure_distances
@@ -158,3 +159,33 @@ def test_lines_cross_at_the_nearest_sub_conductors(above):
     for models in ((bundle, single), (single, bundle)):
         (record,) = find_crossings(models, (), rules)
         assert record['clearance'] == pytest.approx(1.3, abs=0.02)
+        assert record['vertical'] == pytest.approx(record['clearance'], abs=0.02)
+
+
+def test_parts_of_a_distance_between_lines_are_of_the_nearest_sub_conductors():
+    """These are aside of the curves, by half of a bundle each."""
+    bundle = dataclasses.replace(make_model(START, END, c=900.0), strands=np.array(BUNDLES[2]))
+    z = float(bundle.curve.position(bundle.at(np.array(100.0)))[0, 2]) - 1.0
+    # it climbs across, so that the nearest place is beside the middle
+    start, end = (100.0, -20.0, z - 8.0), (100.0, 20.0, z + 8.0)
+    steep = make_model(start, end, c=1e5, line_id=1, span_id=1)
+    steep = dataclasses.replace(steep, strands=np.array(BUNDLES[2]))
+    (record,) = find_crossings((bundle, steep), (), plain_rules(HazardSettings()))
+    parts = np.hypot(record['horizontal'], record['vertical'])
+    assert parts == pytest.approx(record['clearance'], abs=1e-6)
+    away = np.linalg.norm(
+        steep.strand_positions(np.linspace(steep.low, steep.high, 4001)) - record['position'],
+        axis=2)
+    assert away.min() < 0.01
+
+
+def test_interference_is_between_the_nearest_sub_conductors():
+    """Of bundles one above the other: 2 m between their middles at the ends, 0.8 m within."""
+    lower = make_model((0.0, 0.0, 13.0), (100.0, 0.0, 13.0), c=800.0)
+    slack = make_model((0.0, 0.0, 15.0), (100.0, 0.0, 15.0), 1, c=450.0)
+    models = [dataclasses.replace(item, strands=np.array(BUNDLES[4])) for item in (lower, slack)]
+    (record,) = find_interference(models, (), plain_rules(HazardSettings()), HazardSettings())
+    assert record['clearance'] == pytest.approx(0.78 - 0.4, abs=0.02)
+    assert record['required'] == pytest.approx(0.5 * (2.0 - 0.4), abs=0.02)
+    assert record['vertical'] == pytest.approx(record['clearance'], abs=1e-6)
+    assert abs(record['position'][1]) == pytest.approx(0.2, abs=1e-6)
