@@ -109,7 +109,9 @@ def find_interference(
             worst = int(np.argmin(apart))
             if apart[worst] >= required:
                 continue
-            sigma = math.hypot(first.sigma(float(x[worst])), second.sigma(float(other_x[worst])))
+            sigma = math.hypot(
+                first.wire_sigma(float(x[worst])), second.wire_sigma(float(other_x[worst]))
+            )
             if min(held) - apart[worst] <= SURE * sigma:
                 continue
             result.append(describe_hazard(

@@ -178,7 +178,7 @@ def _cross_wires(
 
 def _find_sigma(model: SpanModel, x: float) -> float:
     """Return the standard deviation of the place of a conductor [m]; blurred, it is not sure."""
-    return model.sigma(x) if is_blurred(model) else model.place_sigma(x)
+    return model.wire_sigma(x) if is_blurred(model) else model.place_sigma(x)
 
 
 def find_ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
