@@ -90,20 +90,28 @@ def find_interference(
     for i, first in enumerate(models):
         for second in itertools.compress(models[:i], beside[i]):
             x = np.linspace(first.start_x, first.end_x, NUM_STATIONS)
-            at = first.curve.position(x)
-            other_x, across = second.curve.local(at)
-            low, high = second.low, second.high
-            inside = (other_x >= low) & (other_x <= high)
+            other_x, _ = second.curve.local(first.curve.position(x))
+            inside = (other_x >= second.low) & (other_x <= second.high)
             if inside.sum() < LEAST_STATIONS:
                 continue
-            gap = at[:, 2] - second.curve.fit.height(other_x)
-            apart = np.where(inside, np.hypot(across, gap), np.inf)
+            at = first.strand_positions(x)
+            _, horizontal, vertical = (
+                part.reshape(at.shape[:2]) for part in second.part(at.reshape(-1, 3))
+            )
+            apart = np.hypot(horizontal, vertical)
+            nearest = np.argmin(apart, axis=0), np.arange(NUM_STATIONS)  # sub-conductors
+            at, horizontal, vertical, apart = (
+                own[nearest] for own in (at, horizontal, vertical, apart)
+            )
+            apart[~inside] = np.inf
             held = [apart[k] for k in (np.flatnonzero(inside)[0], np.flatnonzero(inside)[-1])]
             required = settings.interference_ratio * float(min(held))
             worst = int(np.argmin(apart))
             if apart[worst] >= required:
                 continue
-            sigma = math.hypot(first.sigma(float(x[worst])), second.sigma(float(other_x[worst])))
+            sigma = math.hypot(
+                first.wire_sigma(float(x[worst])), second.wire_sigma(float(other_x[worst]))
+            )
             if min(held) - apart[worst] <= SURE * sigma:
                 continue
             result.append(describe_hazard(
@@ -112,8 +120,8 @@ def find_interference(
                 severity=Severity.WARNING,
                 position=at[worst],
                 clearance=float(apart[worst]),
-                horizontal=abs(float(across[worst])),
-                vertical=float(gap[worst]),
+                horizontal=float(horizontal[worst]),
+                vertical=-float(vertical[worst]),
                 sigma=sigma,
                 num_points=0,
                 offending=at[worst][None],

@@ -102,15 +102,14 @@ def find_crossings(
         )
         crossed = _cross(start[i], end[i], start[:i], end[:i]) & ~beside
         for second in (models[k] for k in np.flatnonzero(crossed).tolist()):
-            upper, lower, x, other_x, clearance = _approach(first, second)
+            upper, lower, (x, other_x), (above, below) = _approach(first, second)
+            clearance = math.dist(above, below)
             broken = judge_value(clearance, limits)
             if broken is None:
                 continue
             key = (upper.span.span_id, lower.span.span_id)
             if key in worst and worst[key]['clearance'] <= clearance:
                 continue
-            above = upper.curve.position(np.array(x))[0]
-            below = lower.curve.position(np.array(other_x))[0]
             record = describe_hazard(
                 upper, x, supports, rules, broken[0],
                 kind=HazardKind.CROSSING,
@@ -160,8 +159,7 @@ def _cross_wires(
             inside = model.low + AT_SUPPORT < x < model.high - AT_SUPPORT
             if broken is None or not inside or best in (0, len(at) - 1):
                 continue
-            own = model.curve.position(np.array([x]))[0]
-            position = at[best] if away[best, 2] > 0 else own
+            position = at[best] if away[best, 2] > 0 else at[best] + away[best]
             result.append(describe_hazard(
                 model, x, supports, rules, broken[0],
                 kind=HazardKind.CROSSING,
@@ -180,7 +178,7 @@ def _cross_wires(
 
 def _find_sigma(model: SpanModel, x: float) -> float:
     """Return the standard deviation of the place of a conductor [m]; blurred, it is not sure."""
-    return model.sigma(x) if is_blurred(model) else model.place_sigma(x)
+    return model.wire_sigma(x) if is_blurred(model) else model.place_sigma(x)
 
 
 def find_ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
@@ -236,8 +234,8 @@ def _cross(start: Float64, end: Float64, others: Float64, other_ends: Float64) -
 
 def _approach(
     first: SpanModel, second: SpanModel
-) -> tuple[SpanModel, SpanModel, float, float, float]:
-    """Return upper and lower span, x of the closest places on both, and their distance [m]."""
+) -> tuple[SpanModel, SpanModel, tuple[float, float], tuple[Float64, Float64]]:
+    """Return upper and lower span, x of the closest places on their curves, and the places [m]."""
     low, high = first.start_x, first.end_x
     for _ in range(NUM_ROUNDS):
         x = np.linspace(low, high, NUM_PROBES)
@@ -248,10 +246,12 @@ def _approach(
         apart = np.linalg.norm(away, axis=2)
         strand, best = divmod(int(np.argmin(apart)), NUM_PROBES)
         low, high = x[max(best - 1, 0)], x[min(best + 1, NUM_PROBES - 1)]
-    pair = (first, second, float(x[best]), float(other[strand, best]))
-    if away[strand, best, 2] > 0:
-        pair = (second, first, pair[3], pair[2])
-    return *pair, float(apart[strand, best])
+    own_x, other_x = float(x[best]), float(other[strand, best])
+    place = at[strand, best]
+    reached = place + away[strand, best]
+    if reached[2] > place[2]:
+        return second, first, (other_x, own_x), (reached, place)
+    return first, second, (own_x, other_x), (place, reached)
 
 
 def _find_feet(model: SpanModel, points: Float64) -> tuple[Float64, Float64]:

@@ -70,8 +70,8 @@ Source: derived: 95 % of normal errors lie within.
 """
 SPREAD_OF_ZERO = math.sqrt(3.0)
 """
-What is anywhere between a conductor and a distance from it deviates by this share of it.
-Source: derived: the root mean square of what is evenly distributed over it, from its end.
+What begins anywhere between two distances deviates from the farther by their difference over this.
+Source: derived: the root mean square of what is evenly distributed, from one end.
 """
 
 
@@ -314,11 +314,12 @@ def _describe(
     if kind == HazardKind.VEGETATION and settings.growth > 0:
         years = max(value - limit.tiers[0][1], 0.0) / settings.growth
     sigma = model.sigma(x)
-    nearer = limit.measure == 'distance' and float(near.distance.min()) < clearance - SURE * sigma
     reach = np.array([measure_reach(other) for other in models])
-    if nearer or (near.distance <= reach[near.owner] + SURE * sigma).any():
-        # what is nearer to this conductor or another is taken for the wire
-        sigma = math.hypot(sigma, clearance / SPREAD_OF_ZERO)
+    touches = (near.distance <= reach[near.owner] + SURE * sigma).any()
+    nearest = 0.0 if touches else float(near.distance.min())
+    if touches or (limit.measure == 'distance' and nearest < clearance - SURE * sigma):
+        # what is nearer is taken for the wire, or for strays
+        sigma = math.hypot(sigma, (clearance - nearest) / SPREAD_OF_ZERO)
     return describe_hazard(
         model, x, supports, rules, limit,
         kind=kind,

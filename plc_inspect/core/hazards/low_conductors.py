@@ -322,7 +322,7 @@ def _describe_low(
         clearance=item.clearance,
         horizontal=0.0,
         vertical=item.clearance,
-        sigma=math.hypot(model.sigma(x), ground_sigma),
+        sigma=math.hypot(model.place_sigma(x), ground_sigma),
         num_points=int(below.sum()),
         offending=run,
         note='; '.join(filter(None, (limit.note, item.note))),

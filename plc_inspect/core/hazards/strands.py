@@ -85,22 +85,24 @@ def find_strands(points: Float64, spans: SpanResult) -> tuple[SpanModel, ...]:
     for model, is_wide in zip(spans.models, wide, strict=True):
         own = next(wires) if is_wide else ()
         if len(own) < LEAST_POINTS:
-            single = math.hypot(model.curve.lateral_rmse, model.curve.fit.rmse) / math.sqrt(2.0)
-            found.append((NO_STRANDS, single))
+            found.append((NO_STRANDS, (model.curve.lateral_rmse, model.curve.fit.rmse)))
             continue
         chosen = points[own[:: -(-len(own) // MOST_POINTS)]]
         x, y = model.curve.local(chosen)
         found.append(divide_section(x, np.column_stack([
             y, chosen[:, 2] - model.curve.fit.height(x)
         ])))
-    scatter = max(float(np.median([own for _, own in found])), LEAST_SCATTER)
+    scatter = max(
+        float(np.median([math.hypot(*own) / math.sqrt(2.0) for _, own in found])), LEAST_SCATTER
+    )
+    noise = max(float(np.median([above for _, (_, above) in found])), LEAST_SCATTER)
     return tuple(
-        dataclasses.replace(model, strands=strands, scatter=scatter)
-        for model, (strands, _) in zip(spans.models, found, strict=True)
+        dataclasses.replace(model, strands=strands, scatter=scatter, noise=max(noise, above))
+        for model, (strands, (_, above)) in zip(spans.models, found, strict=True)
     )
 
 
-def divide_section(x: Float64, section: Float64) -> tuple[Float64, float]:
+def divide_section(x: Float64, section: Float64) -> tuple[Float64, tuple[float, float]]:
     """
     Tell the sub-conductors of one span apart.
 
@@ -118,8 +120,8 @@ def divide_section(x: Float64, section: Float64) -> tuple[Float64, float]:
     -------
     strands : (S, 2) float64
         Across and above the curve [m]; one at (0, 0) where there is no bundle.
-    scatter : float
-        Standard deviation of the points about their sub-conductor along each axis [m].
+    scatter : (float, float)
+        Standard deviations of the points about their sub-conductor, across and above [m].
 
     """
     middle = np.median(section, axis=0)
@@ -128,7 +130,7 @@ def divide_section(x: Float64, section: Float64) -> tuple[Float64, float]:
     x, section = x[core], section[core]
     variance, axes = np.linalg.eigh(np.cov(section.T))
     narrow, wide = np.sqrt(np.maximum(variance, 0.0)).tolist()
-    single = math.hypot(narrow, wide) / math.sqrt(2.0)
+    single = _measure_scatter(section)
     if wide < LEAST_SPACING / 2:
         return NO_STRANDS, single
     extent = float(np.ptp(np.quantile(x, (1 - CORE, CORE))))
@@ -143,13 +145,19 @@ def divide_section(x: Float64, section: Float64) -> tuple[Float64, float]:
         runs = [np.ptp(np.quantile(x[part == k], (1 - CORE, CORE))) if (part == k).any() else 0.0
                 for k in range(num)]
         if apart >= max(RESOLVED * deviation, LEAST_SPACING) and min(runs) >= LEAST_RUN * extent:
-            best = (score, centres, deviation)
+            best = (score, centres, _measure_scatter(section - centres[part]))
     if len(best[1]) == 1:  # not resolved: two at the ends of what is wider than the noise
         half = math.sqrt(wide**2 - narrow**2)
         if 2.0 * half < LEAST_SPACING:
             return NO_STRANDS, single
-        return section.mean(axis=0) + np.outer((-half, half), axes[:, 1]), narrow
+        return section.mean(axis=0) + np.outer((-half, half), axes[:, 1]), (narrow, narrow)
     return best[1], best[2]
+
+
+def _measure_scatter(section: Float64) -> tuple[float, float]:
+    """Return the standard deviations of (K, 2) places across and above [m]."""
+    across, above = section.std(axis=0, ddof=1).tolist()
+    return across, above
 
 
 def _find_wide(spans: SpanResult) -> list[bool]:

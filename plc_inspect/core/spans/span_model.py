@@ -58,7 +58,14 @@ class SpanModel:
     strands: Float64 = field(default_factory=lambda: NO_STRANDS)
     """(S, 2) places of its sub-conductors across and above the curve [m]."""
     scatter: float = POINT_SIGMA
-    """Standard deviation of one point of the cloud along each axis [m]."""
+    """Standard deviation of one point of the conductors of the cloud along each axis [m]."""
+    noise: float = POINT_SIGMA
+    """
+    Standard deviation of one point of what is near it [m].
+
+    That of its own points in height, and of those of the cloud at least: across its beam, which
+    comes from above or below, a wire hangs anywhere in the footprint, which other things fill.
+    """
 
     @property
     def low(self) -> float:
@@ -84,7 +91,11 @@ class SpanModel:
         return self.start_x + math.copysign(1.0, self.end_x - self.start_x) * along
 
     def sigma(self, x: float) -> float:
-        """Return the standard deviation of the distance of a point to the curve at x [m]."""
+        """Return the standard deviation of the distance of what is near to the curve at x [m]."""
+        return math.hypot(self.place_sigma(x), self.noise)
+
+    def wire_sigma(self, x: float) -> float:
+        """Return the same of a point of a conductor [m]."""
         return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), self.scatter)
 
     def place_sigma(self, x: float) -> float:

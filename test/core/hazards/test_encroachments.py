@@ -286,6 +286,17 @@ def test_what_may_reach_the_conductor_says_so_in_sigma(gap):
         assert record['sigma'] == pytest.approx(model.sigma(float(x[0])))
 
 
+def test_a_tree_may_begin_at_its_strays_and_no_nearer():
+    rng, model = np.random.default_rng(7), make_model(*ENDS)
+    z = float(model.curve.position(model.at(np.array(50.0)))[0, 2])
+    crown = np.array([49.0, -0.5, z - 4.0]) + rng.uniform(0.0, 1.0, (500, 3))
+    stray = np.array([[49.5, -0.5, z - 1.9]])
+    (record,), _ = search(np.vstack([crown, stray]))
+    assert record['clearance'] == pytest.approx(3.0, abs=0.05)
+    assert record['sigma'] == pytest.approx((3.0 - 2.0) / np.sqrt(3.0), abs=0.07)
+    assert record['confidence'] > 0.95
+
+
 def test_what_may_reach_another_conductor_says_so_in_sigma():
     """The nearest point is of the sharp conductor, others are at the edge of the blurred one."""
     sharp = make_model(*ENDS, tolerance=0.1)

@@ -12,9 +12,11 @@ from toys import make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.conductor_hazards import find_interference
 from plc_inspect.core.hazards.crossings import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.strands import divide_section, find_strands, measure_distances
+from plc_inspect.core.spans.span_model import MAP_SIGMA
 
 BUNDLES = {
     1: [(0.0, 0.0)],
@@ -52,14 +54,14 @@ def test_sub_conductors_are_told_apart(num, noise, seed):
     if num > 1:
         for centre in BUNDLES[num]:
             assert np.linalg.norm(strands - centre, axis=1).min() < 0.03
-    assert scatter == pytest.approx(noise, rel=0.15)
+    assert scatter == pytest.approx((noise, noise), rel=0.15)
 
 
 def test_what_is_not_resolved_is_as_wide_as_it_looks():
     strands, scatter = divide_section(*make_section(2, 0.09))
     assert len(strands) == 2
     assert np.ptp(strands[:, 0]) == pytest.approx(0.4, abs=0.05)
-    assert scatter == pytest.approx(0.09, rel=0.15)
+    assert scatter == pytest.approx((0.09, 0.09), rel=0.15)
 
 
 def test_a_conductor_whose_points_another_one_has_is_told_apart():
@@ -113,6 +115,33 @@ def test_clearance_is_from_the_nearest_sub_conductor(num):
     assert hazard.sigma == pytest.approx(0.03, rel=0.3)
 
 
+@pytest.mark.parametrize('num', [1, 2])
+def test_what_is_near_is_as_sure_as_heights_of_wires(num):
+    """Across its beam, a wire may be anywhere in the footprint; trees and structures fill it."""
+    points, model = make_bundle(num, noise=0.0)
+    points += np.random.default_rng(7).normal(0.0, (0.0, 0.06, 0.02), points.shape)
+    model = make_model(START, END, c=900.0, points=points, tolerance=0.6)
+    spans = make_span_result([model], len(points))
+    spans.line_id[:] = spans.span_id[:] = 0
+    (found,) = find_strands(points, spans)
+    assert len(found.strands) == num
+    assert found.noise == pytest.approx(0.02, rel=0.15)
+    middle = 0.5 * (found.low + found.high)
+    assert found.sigma(middle) == pytest.approx(np.hypot(0.02, MAP_SIGMA), rel=0.15)
+    assert found.scatter == pytest.approx(np.hypot(0.06, 0.02) / np.sqrt(2.0), rel=0.15)
+
+
+def test_a_conductor_in_a_bad_part_of_a_map_is_less_sure():
+    places = [(START, END), ((0.0, 30.0, 20.0), (200.0, 30.0, 20.0)),
+              ((0.0, 60.0, 20.0), (200.0, 60.0, 20.0))]
+    wires = [make_wire(*ends, 900.0, noise=noise, per_metre=8.0)
+             for ends, noise in zip(places, (0.02, 0.02, 0.06), strict=True)]
+    models = [make_model(*ends, k, c=900.0, points=points, tolerance=0.3)
+              for k, (ends, points) in enumerate(zip(places, wires, strict=True))]
+    found = find_strands(np.vstack(wires), make_span_result(models, sum(map(len, wires))))
+    assert [item.noise for item in found] == pytest.approx([0.02, 0.02, 0.06], rel=0.15)
+
+
 def test_distances_beyond_the_end_and_on_slopes():
     points, model = make_bundle(2, noise=0.0)
     spans = make_span_result([model], len(points))
@@ -158,3 +187,33 @@ def test_lines_cross_at_the_nearest_sub_conductors(above):
     for models in ((bundle, single), (single, bundle)):
         (record,) = find_crossings(models, (), rules)
         assert record['clearance'] == pytest.approx(1.3, abs=0.02)
+        assert record['vertical'] == pytest.approx(record['clearance'], abs=0.02)
+
+
+def test_parts_of_a_distance_between_lines_are_of_the_nearest_sub_conductors():
+    """These are aside of the curves, by half of a bundle each."""
+    bundle = dataclasses.replace(make_model(START, END, c=900.0), strands=np.array(BUNDLES[2]))
+    z = float(bundle.curve.position(bundle.at(np.array(100.0)))[0, 2]) - 1.0
+    # it climbs across, so that the nearest place is beside the middle
+    start, end = (100.0, -20.0, z - 8.0), (100.0, 20.0, z + 8.0)
+    steep = make_model(start, end, c=1e5, line_id=1, span_id=1)
+    steep = dataclasses.replace(steep, strands=np.array(BUNDLES[2]))
+    (record,) = find_crossings((bundle, steep), (), plain_rules(HazardSettings()))
+    parts = np.hypot(record['horizontal'], record['vertical'])
+    assert parts == pytest.approx(record['clearance'], abs=1e-6)
+    away = np.linalg.norm(
+        steep.strand_positions(np.linspace(steep.low, steep.high, 4001)) - record['position'],
+        axis=2)
+    assert away.min() < 0.01
+
+
+def test_interference_is_between_the_nearest_sub_conductors():
+    """Of bundles one above the other: 2 m between their middles at the ends, 0.8 m within."""
+    lower = make_model((0.0, 0.0, 13.0), (100.0, 0.0, 13.0), c=800.0)
+    slack = make_model((0.0, 0.0, 15.0), (100.0, 0.0, 15.0), 1, c=450.0)
+    models = [dataclasses.replace(item, strands=np.array(BUNDLES[4])) for item in (lower, slack)]
+    (record,) = find_interference(models, (), plain_rules(HazardSettings()), HazardSettings())
+    assert record['clearance'] == pytest.approx(0.78 - 0.4, abs=0.02)
+    assert record['required'] == pytest.approx(0.5 * (2.0 - 0.4), abs=0.02)
+    assert record['vertical'] == pytest.approx(record['clearance'], abs=1e-6)
+    assert abs(record['position'][1]) == pytest.approx(0.2, abs=1e-6)
