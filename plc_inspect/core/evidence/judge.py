@@ -201,13 +201,22 @@ class Judge:
         """
         Judge curves of places that were searched already; return those that are conductors.
 
-        Looked at twice, what is straight has two chances to seem free: only a proven sag, or a
-        conductor beside, is evidence then.
+        Looked at twice, what is straight has two chances to seem free: only a proven sag, or
+        something beside it that is believed, is evidence then.
         """
-        return [
-            (curve, verdict) for curve, verdict in self.try_more(curves)
-            if verdict.beside or prove_sag(curve, self._settings) == 1.0
-        ]
+        won: list[tuple[Curve, Verdict]] = []
+        rest = self.try_more(curves)
+        while True:
+            known = [*self.believed, *(curve for curve, _ in won)]
+            along = find_along([curve for curve, _ in rest], known, SIDE).tolist()
+            sure = [
+                is_beside or prove_sag(curve, self._settings) == 1.0
+                for (curve, _), is_beside in zip(rest, along, strict=True)
+            ]
+            if not any(sure):
+                return won
+            won += [item for item, is_sure in zip(rest, sure, strict=True) if is_sure]
+            rest = [item for item, is_sure in zip(rest, sure, strict=True) if not is_sure]
 
     def add(self, more: Sequence[tuple[Curve, Verdict]]) -> None:
         """Take more conductors with what is believed of them; longest curves stay first."""

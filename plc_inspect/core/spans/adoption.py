@@ -3,21 +3,22 @@
 
 """Second looks: curves that supports prove to be conductors, or to be none."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from plc_inspect.config import CatenarySettings, Settings
 from plc_inspect.core.catenary.bundles import widen_to
-from plc_inspect.core.catenary.curve import Curve, find_near
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.judge import LONGEST_BAY, may_be_held
 from plc_inspect.core.evidence.stays import is_regular
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import find_joints, find_meeting
+from plc_inspect.core.spans.joints import choose_pairs, meet_ends, number_ends
 from plc_inspect.core.spans.standing_poles import ARM, StandingPole
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool
@@ -72,49 +73,79 @@ def adopt(
     tuple of Curve
 
     """
-    reach = settings.supports.max_reach
-    curves = list(conductors.curves)
     # all that may go on, best seen first
     crowded = _clear(cloud, conductors, settings)
     waiting = sorted(
         [*conductors.doubtful, *crowded], key=lambda curve: (-curve.num_points, *curve.origin)
     )
-    may = find_meeting(waiting, curves, reach, ADOPTION_MISS)
+    meetings = _Meetings(conductors.curves, waiting, settings.supports.max_reach)
     # what is adopted may be gone on from in its turn
-    while True:
-        for number in np.flatnonzero(may).tolist():
-            if _find_partner(waiting[number], curves, reach) is not None:
-                break
-        else:
-            return tuple(curves[len(conductors.curves) :])
-        fresh = waiting.pop(number)
-        curves.append(fresh)
-        may = np.delete(may, number) | find_meeting(waiting, [fresh], reach, ADOPTION_MISS)
+    while (adopted := next(meetings.find_all(), None)) is not None:
+        meetings.believe(adopted[0])
+    return tuple(meetings.believed[len(conductors.curves) :])
 
 
-def _find_partner(curve: Curve, curves: Sequence[Curve], reach: float) -> Curve | None:
-    """Return the curve that one meets at a support, if no other meets it better there."""
-    # those it may meet, and those that these may meet instead
-    around = [curves[k] for k in find_near([curve], 4 * reach, curves).item.tolist()]
-    for joint in find_joints([*around, curve], reach):
-        if max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS:
-            return around[min(joint.curves)]
-    return None
+class _Meetings:
+    """Where curves that wait meet those that are believed; each two are looked at once."""
+
+    def __init__(self, believed: Sequence[Curve], waiting: Sequence[Curve], reach: float) -> None:
+        self._curves = [*believed, *waiting]
+        self._known = list(range(len(believed)))
+        self._rows, self._reach = pack_curves(self._curves), reach
+        self._pairs, self._values = meet_ends(self._rows, len(believed), reach)
+
+    @property
+    def believed(self) -> list[Curve]:
+        """In the order in which they came to be so."""
+        return [self._curves[number] for number in self._known]
+
+    def believe(self, number: int) -> None:
+        """Believe one that waited."""
+        self._known.append(number)
+        order = np.append(number, np.setdiff1d(np.arange(len(self._curves)), self._known))
+        pairs, values = meet_ends(self._rows[order], 1, self._reach)
+        pairs[:, [0, 2]] = order[pairs[:, [0, 2]]]
+        self._pairs = np.concatenate((self._pairs, pairs))
+        self._values = np.concatenate((self._values, values))
+
+    def find_all(self) -> Iterator[tuple[int, Curve, Curve]]:
+        """Yield those that continue one that is believed, by number, and that one."""
+        close = self._values[:, 2] < ADOPTION_MISS
+        for number in np.setdiff1d(self._pairs[close, 2], self._known).tolist():
+            partner = self._find_partner(number)
+            if partner is not None:
+                yield number, self._curves[number], partner
+
+    def _find_partner(self, number: int) -> Curve | None:
+        """Return the curve that one meets at a support, if no other meets it better there."""
+        # those it may meet, and those that these may meet instead
+        near = find_near([self._curves[number]], 4 * self._reach, self.believed).item
+        around = [*np.array(self._known, dtype=np.int64)[near].tolist(), number]
+        place = np.full(len(self._curves), -1)
+        place[around] = np.arange(len(around))
+        both = place[self._pairs[:, [0, 2]]]
+        within = (both >= 0).all(axis=1)
+        pairs, values = self._pairs[within], self._values[within]
+        pairs[:, [0, 2]] = both[within]
+        # only these change whom it meets
+        ends = number_ends(pairs)
+        group = unite(ends, 2 * len(around))
+        linked = np.isin(group[ends[:, 0]], group[-2:])
+        pairs, values = pairs[linked], values[linked]
+        for k in choose_pairs(pairs, values):
+            if pairs[k, 2] == len(near) and values[k, 2] < ADOPTION_MISS:
+                return self._curves[around[pairs[k, 0]]]
+        return None
 
 
 def _clear(
     cloud: OffGround, conductors: ConductorResult, settings: Settings
 ) -> tuple[Curve, ...]:
     """Return the crowded curves that are free once all that continue conductors are left out."""
-    reach = settings.supports.max_reach
     # those that continue a conductor, as wide as it is
     going_on: list[Curve] = []
-    may = find_meeting(conductors.crowded, conductors.curves, reach, ADOPTION_MISS)
-    for number in np.flatnonzero(may).tolist():
-        curve = conductors.crowded[number]
-        partner = _find_partner(curve, conductors.curves, reach)
-        if partner is None:
-            continue
+    meetings = _Meetings(conductors.curves, conductors.crowded, settings.supports.max_reach)
+    for _, curve, partner in meetings.find_all():
         if is_thick(partner) and not is_thick(curve):
             try:  # from a sub-conductor at the rim of the bundle to its middle
                 for reach_across in (2.0 * partner.tolerance, partner.tolerance):

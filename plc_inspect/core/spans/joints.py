@@ -10,7 +10,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
+from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
@@ -26,8 +26,9 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.catenary.cutting import measure_bend
 from plc_inspect.core.catenary.growing import BESIDE_SHARE
+from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.assignment import pair_up
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Float64, Int64
 
 MAX_TURN = math.radians(65.0)
 """
@@ -130,18 +131,9 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     tuple of Joint, in order of cost
 
     """
-    if len(curves) < 2:
-        return ()
-    rows = pack_curves(curves)
-    pairs = _pair_ends(rows, max_reach)
-    met, values = _meet_all(rows, pairs, max_reach)
-    pairs, values = pairs[met], values[met]
+    pairs, values = meet_ends(pack_curves(curves), len(curves), max_reach)
     chosen = []
-    # the cheapest first, then by curves and sides
-    order = np.lexsort((*pairs[:, [3, 1, 2, 0]].T, values[:, 4]))
-    pairs, values = pairs[order], values[order]
-    ends = 2 * pairs[:, [0, 2]] + (pairs[:, [1, 3]] > 0)
-    for k in pair_up(ends, values[:, 4], LONE):
+    for k in choose_pairs(pairs, values):
         first, side, second, other_side = pairs[k].tolist()
         x, other_x, miss, kink, cost = values[k].tolist()
         chosen.append(describe_joint(
@@ -151,31 +143,83 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     return tuple(chosen)
 
 
-def _pair_ends(rows: Float64, max_reach: float) -> Int64:
+def meet_ends(rows: Float64, num_known: int, max_reach: float) -> tuple[Int64, Float64]:
     """
-    Pair the ends that face each other, in plan.
+    Find the ends of curves that may meet at a support.
+
+    Parameters
+    ----------
+    rows : (C, COLUMNS) float64
+        Curves.
+    num_known : int
+        One of two that meet is among so many first ones, and comes first of both.
+    max_reach : float
+        Longest extrapolation from either end [m].
 
     Returns
     -------
-    (P, 4) int64
+    pairs : (P, 4) int64
         Curve and side of one end, curve and side of the other.
+    values : (P, 5) float64
+        X of both curves, their distance, the kink and the cost.
 
     """
-    curve = np.repeat(np.arange(len(rows)), 2)
-    side = np.tile([-1, 1], len(rows))
-    unit = rows[curve][:, [COS, SIN]]
-    x = rows[curve, np.where(side > 0, HIGH, LOW)]
-    position = rows[curve][:, [ORIGIN_X, ORIGIN_Y]] + x[:, None] * unit
-    outward = side[:, None] * unit
-    apart = position[None, :] - position[:, None]
-    distance = np.hypot(apart[:, :, 0], apart[:, :, 1])
-    facing = outward @ outward.T < -math.cos(MAX_TURN)
-    ahead = np.einsum('ijk,ik->ij', apart, outward)
-    across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
-    near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
-    near &= across < FACING_ROOM + np.abs(ahead) * math.tan(MAX_TURN / 2) + MAX_MISS
-    one, other = np.nonzero(np.triu(near & facing & near.T, 1) & (curve[:, None] != curve))
-    return np.stack([curve[one], side[one], curve[other], side[other]], axis=1)
+    pairs = _pair_ends(rows, num_known, max_reach)
+    met, values = _meet_all(rows, pairs, max_reach)
+    return pairs[met], values[met]
+
+
+def choose_pairs(pairs: Int64, values: Float64) -> list[int]:
+    """Choose of pairs as of `meet_ends` those that meet, the cheapest first."""
+    # the cheapest first, then by curves and sides
+    order = np.lexsort((*pairs[:, [3, 1, 2, 0]].T, values[:, 4]))
+    chosen: list[int] = order[pair_up(number_ends(pairs[order]), values[order, 4], LONE)].tolist()
+    return chosen
+
+
+def number_ends(pairs: Int64) -> Int64:
+    """Return the numbers of the ends of pairs as of `meet_ends`, two of each curve."""
+    return 2 * pairs[:, [0, 2]] + (pairs[:, [1, 3]] > 0)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _pair_ends(rows, num_known, max_reach):  # type: ignore[no-untyped-def]
+    """Pair the ends that face each other, in plan; the first is of one of the known curves."""
+    num = 2 * len(rows)
+    # where each end is, and the way out of its curve
+    end = np.empty((num, 4))
+    for k in range(num):
+        row, side = rows[k // 2], 2.0 * (k % 2) - 1.0
+        x = row[HIGH] if side > 0 else row[LOW]
+        end[k, 0], end[k, 1] = row[ORIGIN_X] + x * row[COS], row[ORIGIN_Y] + x * row[SIN]
+        end[k, 2], end[k, 3] = side * row[COS], side * row[SIN]
+    pairs, found = np.empty((max(num, 16), 4), dtype=np.int64), 0
+    for one in range(2 * num_known):
+        for other in range(2 * (one // 2) + 2, num):
+            if not (_faces(end[one], end[other], max_reach)
+                    and _faces(end[other], end[one], max_reach)):
+                continue
+            if found == len(pairs):
+                longer = np.empty((2 * found, 4), dtype=np.int64)
+                put(pairs, longer)
+                pairs = longer
+            pairs[found] = one // 2, 2 * (one % 2) - 1, other // 2, 2 * (other % 2) - 1
+            found += 1
+    return pairs[:found]
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _faces(end, other, max_reach):  # type: ignore[no-untyped-def]
+    """Tell whether another end lies before one and runs towards it."""
+    if end[2] * other[2] + end[3] * other[3] >= -math.cos(MAX_TURN):
+        return False
+    dx, dy = other[0] - end[0], other[1] - end[1]
+    ahead = dx * end[2] + dy * end[3]
+    across = abs(dx * end[3] - dy * end[2])
+    return (
+        math.hypot(dx, dy) < 2 * max_reach and ahead > -2 * MAX_OVERLAP
+        and across < FACING_ROOM + abs(ahead) * math.tan(MAX_TURN / 2) + MAX_MISS
+    )
 
 
 def describe_joint(
@@ -236,52 +280,6 @@ def passes_unbent(
         bends.append(min(by_length, joint.kink * 2 * own / total))
     bend, sigma = measure_bend(points, curve, x)
     return bend + MIN_RISE + TURN_SIGMAS * sigma < float(np.median(bends))
-
-
-def find_meeting(
-    curves: Sequence[Curve], others: Sequence[Curve], max_reach: float, most_miss: float
-) -> Bool:
-    """
-    Tell which curves meet one of others at a support, whatever else these may meet.
-
-    Parameters
-    ----------
-    curves, others : sequence of Curve
-        C curves and O others.
-    max_reach : float
-        Longest extrapolation from either end [m].
-    most_miss : float
-        Greatest distance of two curves where they meet [m].
-
-    Returns
-    -------
-    (C,) bool
-
-    """
-    near = find_near(curves, 2 * max_reach, others)
-    result: Bool = _mark_meeting(
-        pack_curves(curves), pack_curves(others), near, max_reach, most_miss
-    )
-    return result
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def _mark_meeting(rows, others, near, max_reach, most_miss):  # type: ignore[no-untyped-def]
-    """Tell which rows meet another, by any of their ends."""
-    result = np.zeros(len(rows), dtype=np.bool_)
-    pair, both = np.array([[0, 0, 1, 0]]), np.empty((2, rows.shape[1]))
-    for k in range(len(rows)):
-        both[0] = rows[k]
-        for m in near.item[near.start[k] : near.start[k + 1]]:
-            both[1] = others[m]
-            for side in (-1, 1):
-                for other_side in (-1, 1):
-                    pair[0, 1], pair[0, 3] = side, other_side
-                    met, values = _meet_all(both, pair, max_reach)
-                    result[k] |= met[0] and values[0, 2] < most_miss
-            if result[k]:
-                break
-    return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

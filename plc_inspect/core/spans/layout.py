@@ -365,7 +365,8 @@ def _station_ahead(
         x, y = curve.local_place(station.position)
         ahead = (x - end) * side
         reach = min(settings.max_reach, REACH_SHARE * curve.length)
-        if abs(y) > settings.width / 2 or not -settings.min_span / 2 < ahead < reach:
+        back = min(settings.min_span, curve.length) / 2  # the other end is nearer beyond
+        if abs(y) > settings.width / 2 or not -back < ahead < reach:
             continue
         height, z = station.attachments[:, 2], float(curve.fit.height(x))
         if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:

@@ -207,7 +207,7 @@ def join_at_poles(
     for pole in poles:
         ends = [
             end for number, curve in enumerate(curves) if pole.holds(curve)
-            for end in _list_ends(number, curve, pole, room) if (number, end.side) not in used
+            and (end := _find_end(number, curve, pole, room)) and (number, end.side) not in used
         ]
         pairs = sorted(
             (math.dist(first.place, second.place), k, m)
@@ -232,15 +232,15 @@ def _cut(
     return cut_curve(points, curve, pole.position)
 
 
-def _list_ends(
+def _find_end(
     number: int, curve: Curve, pole: StandingPole, room: float
-) -> list[_PoleEnd]:
-    """Return the ends of a curve that are at a pole."""
+) -> _PoleEnd | None:
+    """Return the end of a curve that is at a pole: the nearer one, of a short piece too."""
     x, _ = curve.local_place(pole.position)
-    return [
-        _PoleEnd(number=number, side=side, x=x, place=curve.position(x)[0])
-        for side, end in ((-1, curve.low), (1, curve.high)) if abs(end - x) <= room
-    ]
+    side, end = min((-1, curve.low), (1, curve.high), key=lambda item: abs(item[1] - x))
+    if abs(end - x) > room:
+        return None
+    return _PoleEnd(number=number, side=side, x=x, place=curve.position(x)[0])
 
 
 def _face(curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd) -> bool:

@@ -203,6 +203,22 @@ def test_what_is_searched_again_needs_a_proven_sag_or_a_conductor_beside():
     assert [curve for curve, _ in found.try_again(curves[:2])] == curves[1:2]
 
 
+def test_beside_is_what_is_believed_however_free_the_piece_is_itself():
+    """Not what is dropped, too, as it has no proven sag."""
+    pieces = [
+        make(y=1.0, start=20.0, length=25.0, c=1e5, seed=1),
+        make(y=20.0, length=25.0, c=1e5, seed=2),
+        make(y=21.0, start=5.0, length=8.0, c=1e5, seed=3),
+    ]
+    points = np.vstack([make(c=1000.0), *pieces])
+    ends = np.cumsum([0, len(points) - sum(map(len, pieces)), *map(len, pieces)])
+    known, *curves = (make_curve(points, np.arange(low, high)) for low, high in pairwise(ends))
+    found = Judge(points, make_index(points), make_sight(points), [known], CatenarySettings())
+    found.decide()
+    assert [curve for curve, _ in found.try_more(curves)] == curves
+    assert [curve for curve, _ in found.try_again(curves)] == curves[:1]
+
+
 def test_a_proven_sag_is_believed_whatever_is_built_below():
     wire = make(length=60.0, c=150.0)
     rng = np.random.default_rng(8)

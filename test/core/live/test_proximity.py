@@ -45,13 +45,15 @@ def make_around(spans=(), points=(), decision=(), size=10, vehicle=None):
     return book.known
 
 
-def update(book, spans, points, decision, cells, vehicle=None):
+def update(book, spans, points, decision, cells, vehicle=None, *, ground=True):
+    """Show a tick to the book; z of its points is above the ground, if any was seen."""
     decision = np.array(decision, dtype=np.uint8)
+    height = points[:, 2] if ground else np.full(len(points), np.nan)
     window = Window(
         slots=np.arange(len(points)), points=points, fresh=cells, cell_size=CELL,
         spans=frozenset(), sequence=1,
     )
-    result = SimpleNamespace(decision=decision, ground_height=points[:, 2])  # NaN: no ground
+    result = SimpleNamespace(decision=decision, ground_height=height)
     book.update(spans, window, result, vehicle)
 
 
@@ -142,24 +144,25 @@ def test_seen_is_what_the_map_holds_all_about_and_ticks_have_looked_at():
 
 
 def test_where_no_ground_was_seen_everything_is_in_the_air():
-    wire, moving = (0.0, 5.0, np.nan), np.array([5.0, 0.0, 0.0])
+    wire, moving = (0.0, 5.0, 12.0), np.array([5.0, 0.0, 0.0])
     book, field = SurroundingsBook(), np.array([[0, 0], [0, -1], [-1, 0], [-1, -1]])
     assert book.known.may_hold_ground(STANDING)
     assert book.known.may_hold_ground(np.full(3, np.nan))
     assert not book.known.may_hold_ground(moving)
     at = np.zeros(3)
-    update(book, [], np.array([wire]), [Decision.NO_CATENARY], field, at)  # heights are NaN
+    update(book, [], np.array([wire]), [Decision.NO_CATENARY], field, at, ground=False)
     assert len(book.known.obstacles) == 1
     assert not book.known.may_hold_ground(STANDING)
     update(book, [], np.array([GROUND]), [Decision.GROUND], field, at)
     assert len(book.known.obstacles) == 0
     assert book.known.may_hold_ground(moving)
-    update(book, [], np.array([wire]), [Decision.NO_CATENARY], field, at + 0.9 * RANGE)
+    beside = at + 0.9 * RANGE
+    update(book, [], np.array([wire]), [Decision.NO_CATENARY], field, beside, ground=False)
     assert book.known.may_hold_ground(moving)  # that of a moment ago is near
     far = np.array([3.0 * RANGE, 0.0, 0.0])
     update(book, [], np.empty((0, 3)), [], field, far)
     assert book.known.may_hold_ground(moving)  # nothing is near: nobody knows better
-    update(book, [], np.array([wire]) + far, [Decision.NO_CATENARY], field, far)
+    update(book, [], np.array([wire]) + far, [Decision.NO_CATENARY], field, far, ground=False)
     assert not book.known.may_hold_ground(moving)
 
 

@@ -8,10 +8,12 @@ import pytest
 from toys import make_curve, make_route, make_tree, make_wire
 
 from plc_inspect.config import Settings
+from plc_inspect.core.catenary.curve import find_near
 from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
-from plc_inspect.core.spans.adoption import adopt, find_borne
+from plc_inspect.core.spans.adoption import _Meetings, adopt, ADOPTION_MISS, find_borne
+from plc_inspect.core.spans.joints import find_joints
 from plc_inspect.core.spans.standing_poles import StandingPole
 
 SETTINGS = Settings()
@@ -55,6 +57,46 @@ def make_bundle(tip=106.0):
     whole = np.vstack([clouds[0], clouds[2]])
     points, twins = add(whole, clouds[1], clouds[3])
     return points, make_curve(points, np.arange(len(whole)), 0.3), twins
+
+
+def list_partners(curves, believed, waiting, reach):
+    """Return which of the believed each one that waits continues, by all joints about it."""
+    result = []
+    for number in waiting:
+        near = find_near([curves[number]], 4 * reach, [curves[k] for k in believed]).item
+        around = [believed[k] for k in near.tolist()]
+        joints = find_joints([*(curves[k] for k in around), curves[number]], reach)
+        partners = [
+            around[min(joint.curves)] for joint in joints
+            if max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS
+        ]
+        if partners:
+            result.append((number, partners[0]))
+    return result
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('reach', [15.0, 40.0])
+def test_whom_a_curve_continues_is_what_all_joints_tell(seed, reach):
+    rng = np.random.default_rng(seed)
+    supports = np.column_stack([np.arange(7) * 60.0, rng.uniform(-6.0, 6.0, 7)])
+    _, curves = make_route(supports, offsets=(-0.5, 0.0, 0.4), parts=((0.06, 0.94),))
+    curves = [curves[k] for k in rng.permutation(len(curves))]
+    believed, waiting = [0, 1, 2, 3], list(range(4, len(curves)))
+    meetings = _Meetings(curves[:4], curves[4:], reach)
+    num = 0
+    while True:
+        expected = list_partners(curves, believed, waiting, reach)
+        found = [(number, partner) for number, _, partner in meetings.find_all()]
+        assert found == [(number, curves[k]) for number, k in expected]
+        if not expected:
+            break
+        fresh = expected[-1][0]
+        meetings.believe(fresh)
+        waiting.remove(fresh)
+        believed.append(fresh)
+        num += 1
+    assert num > 5
 
 
 def test_a_curve_that_continues_another_is_adopted():

@@ -125,6 +125,20 @@ def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
     assert at[:, 0].max() == pytest.approx(90.0, abs=0.5)
 
 
+@pytest.mark.parametrize('start', [85.0, 90.5])
+def test_a_short_piece_hangs_with_its_nearer_end(start):
+    points, curves = make_route([(0, 0), (90, 0), (180, 0)])
+    piece = make_wire((start, 5.0, 15.0), (start + 4.5, 5.0, 15.0), c=1e5)
+    both = np.vstack([points, piece])
+    curves.append(make_curve(both, np.arange(len(points), len(both))))
+    found = find_layout(both, curves, (), SETTINGS)
+    before = start < 90.0
+    x = sorted(found.curves[-1].position(np.array([found.start_x[-1], found.end_x[-1]]))[:, 0])
+    assert found.start_x[-1] < found.end_x[-1]
+    assert x == pytest.approx([start, 90.0] if before else [90.0, start + 4.5], abs=0.3)
+    assert sorted([found.start_station[-1], found.end_station[-1]]) == [-1, 0]
+
+
 def test_an_adopted_curve_that_continues_none_is_dropped():
     points, curves = make_route([(0, 0), (90, 0), (114, 0)], offsets=(0.0,))
     believed, doubtful = curves

@@ -16,6 +16,7 @@ from plc_inspect.core.spans.standing_poles import (
     cut_curve,
     find_poles,
     join_at_poles,
+    StandingPole,
 )
 
 SETTINGS = Settings()
@@ -117,6 +118,24 @@ def test_ends_that_meet_at_a_pole_are_joined_once():
     assert [sorted(joint.curves) for joint in joints] == [[0, 1]]
     assert joints[0].miss < 0.05
     assert join_at_poles(parts, joints, poles, 3.0) == joints
+
+
+@pytest.mark.parametrize('start', [57.3, 57.7])
+def test_a_short_piece_that_passes_a_pole_meets_there_with_one_end(start):
+    """Else its span would begin and end at the pole."""
+    wires = [
+        make_wire((0.0, 0.0, 8.0), (59.0, 0.0, 8.0)),
+        make_wire((61.0, 0.8, 8.0), (120.0, 0.8, 8.0)),
+        make_wire((start, 0.4, 8.0), (start + 5.0, 0.4, 8.0), c=1e5, noise=0.01),
+    ]
+    points = np.vstack(wires)
+    ends = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
+    pole = StandingPole(position=np.array([60.0, 0.4]), base=0.0, top=8.2)
+    (joint,) = join_at_poles(curves, (), [pole], 3.0)
+    assert 2 in joint.curves
+    side = joint.sides[joint.curves.index(2)] * np.cos(curves[2].azimuth)
+    assert side == pytest.approx(1.0 if start < 57.5 else -1.0, abs=0.1)
 
 
 def test_a_pole_near_an_end_cuts_nothing_and_is_where_it_ends():
