@@ -42,7 +42,7 @@ def encode_png(indices: UInt8, palette: Sequence[str]) -> bytes:
         (b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 3, 0, 0, 0)),
         (b'PLTE', colors),
         (b'tRNS', b'\0'),
-        (b'IDAT', zlib.compress(rows.tobytes(), 6)),
+        (b'IDAT', zlib.compress(rows.tobytes(), 4)),
         (b'IEND', b''),
     )
     return b'\x89PNG\r\n\x1a\n' + b''.join(
