@@ -29,7 +29,7 @@ def bench():
 
 
 def test_numbers_and_tuples_of_them_are_found(bench):
-    assert {'HOLD_POINTS', 'SAME_WAY'} <= set(bench.list_constants(supports))
+    assert {'MIN_TOWER', 'SAME_WAY'} <= set(bench.list_constants(supports))
     assert 'POLE_SLICE' in set(bench.list_constants(support_points))
     assert 'find_structure' not in set(bench.list_constants(supports))
 
@@ -46,17 +46,17 @@ def test_whole_numbers_stay_whole(bench, value, factor, expected):
 def test_a_constant_is_moved_wherever_it_is_known(bench):
     modules = [crowding, point_claims, support_points, supports]
     moved = bench.Moved(support_points, 'HOLD_RADIUS', modules)
-    assert moved.kernels == [support_points.count_around]
+    assert moved.kernels == [support_points._count_around]
     points, wire = np.array([[2.0, 0.0, 0.0]]), np.zeros(1, dtype=bool)
     found, end = np.zeros(1, dtype=np.int64), np.zeros(3)
-    caches = [support_points.count_around._cache]
-    assert support_points.count_around(points, wire, found, end) == 1
+    caches = [support_points._count_around._cache]
+    assert support_points._count_around(points, wire, found, end) == 1
     moved.put(1.0, [bench.NullCache()])
     try:
-        assert support_points.count_around(points, wire, found, end) == 0
+        assert support_points._count_around(points, wire, found, end) == 0
     finally:
         moved.put(moved.value, caches)
-    assert support_points.count_around(points, wire, found, end) == 1
+    assert support_points._count_around(points, wire, found, end) == 1
 
 
 def test_callers_of_a_kernel_are_compiled_with_it(bench):

@@ -43,7 +43,7 @@ def unite(pairs: ArrayLike, num: int, apart: ArrayLike = ()) -> Int64:
 
 
 def _as_pairs(items: ArrayLike) -> Int32:
-    return np.asarray(items, dtype=np.int32).reshape(-1, 2)
+    return np.ascontiguousarray(items, dtype=np.int32).reshape(-1, 2)
 
 
 @njit(cache=True, nogil=True)
