@@ -10,6 +10,7 @@ import numpy as np
 
 from plc_inspect.core.catenary.breaks import find_breaks, MIN_KINK
 from plc_inspect.core.catenary.curve import Curve, fit_curve
+from plc_inspect.core.catenary.growing import KINK_SIGMAS
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
 
@@ -29,11 +30,6 @@ SHARED = 0.5
 """
 They have more than this share of the shorter one's length in common.
 Source: judgement; not measured.
-"""
-BEND_SIGMAS = 4.0
-"""
-Standard deviations by which a bend is more, or less, than another.
-Source: derived: that of the kinks of `breaks`.
 """
 
 
@@ -155,12 +151,24 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
         place = axis.position(item.x)[0, :2]
         at = [curve.local_place(place)[0] for curve in group]
         passing = [k for k, curve in enumerate(group) if curve.low < at[k] < curve.high]
-        reach = low - item.x, high - item.x
-        bent = [k for k in passing if _may_be_bent(points, group[k], at[k], item.kink, reach)]
+        bent = [
+            k for k in passing if _may_be_bent(
+                points, group[k], at[k], item.kink, _reach(axis, group[k], item.x, low, high)
+            )
+        ]
         if 2 * len(bent) > len(passing):  # or it is something at one of them
             for k in bent:
                 result[k].append(at[k])
     return result
+
+
+def _reach(
+    axis: Curve, curve: Curve, x: float, low: float, high: float
+) -> tuple[float, float]:
+    """Return how far two places of the axis lie from its x along a curve, least first [m]."""
+    along = math.copysign(1.0, math.cos(curve.azimuth - axis.azimuth))
+    first, last = sorted((along * (low - x), along * (high - x)))
+    return first, last
 
 
 def _may_be_bent(
@@ -169,7 +177,7 @@ def _may_be_bent(
     """Tell whether a curve is not surely bent less at x than those beside it by ``kink``."""
     bend, sigma = measure_bend(points, curve, x, x + reach[0], x + reach[1])
     share = -bend if kink > 0.0 else bend
-    return share + MIN_KINK + BEND_SIGMAS * sigma >= abs(kink)
+    return share + MIN_KINK + KINK_SIGMAS * sigma >= abs(kink)
 
 
 def _cut_at(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from toys import make_curve, make_wire, turn
 
+from plc_inspect.core.catenary.curve import fit_curve
 from plc_inspect.core.catenary.cutting import cut_together, measure_bend
 
 WIDTH, LEAST = 30.0, 5.0
@@ -44,10 +45,16 @@ def test_a_rack_over_a_support_is_cut_there(yaw):
         assert [part.length for part in parts] == pytest.approx([22.0] * len(parts), abs=5.0)
 
 
-def test_three_spans_are_told_apart():
-    """The bend at one support is measured up to the next."""
+@pytest.mark.parametrize('yaw', [0.0, np.pi / 2])
+def test_three_spans_are_told_apart(yaw):
+    """The bend at one support is measured up to the next, whichever way each curve runs."""
     for seed in range(5):
-        points, curves = make_rack(ends=(0.0, 22.0, 42.0, 64.0), per_metre=10.0, seed=seed)
+        points, curves = make_rack(ends=(0.0, 22.0, 50.0, 64.0), per_metre=10.0, seed=seed)
+        points = turn(points, yaw)
+        curves = [
+            fit_curve(points, curve.points, tolerance=0.2, azimuth=yaw + np.pi * (k % 2))
+            for k, curve in enumerate(curves)
+        ]
         assert len(cut_together(points, curves, WIDTH, LEAST)) == 3 * len(curves)
 
 
