@@ -10,8 +10,8 @@ import numpy as np
 from plc_inspect.config import AlignmentSettings, ClusteringSettings, LinearitySettings
 from plc_inspect.core.catenary.curve import fit_curve
 from plc_inspect.core.clustering.clustering import cluster
-from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.core.extraction.alignment import align
+from plc_inspect.core.extraction.ground_grid import make_grid
 from plc_inspect.core.extraction.linearity import find_candidates
 from plc_inspect.core.numerics.plan_index import build_plan_index
 
@@ -63,7 +63,8 @@ def make_sight(points, seen=True, margin=5.0):
     if len(points):
         low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     columns, rows = (np.ceil(high - low + 2 * margin)).astype(int)
-    return Sight(seen=np.full((rows, columns), seen), origin=low - margin, cell_size=1.0)
+    height = np.zeros((rows, columns), dtype=np.float32)
+    return make_grid(height, np.full(height.shape, seen), low - margin, 1.0)
 
 
 def make_pole(x, y, height, seed=300):

@@ -31,7 +31,6 @@ import numpy as np
 from plc_inspect import __version__
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary import nearest_span
-from plc_inspect.core.extraction import ground_surface
 from plc_inspect.core.numerics import plan_index
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.grid.cells import layout
@@ -270,9 +269,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--memory', type=float, default=5.0, help='[GB]')
     parser.add_argument('--cache', type=Path, help='folder for surveys')
     arguments = parser.parse_args(argv)
-    for module in (ground_surface, nearest_span, plan_index):
+    for module in (nearest_span, plan_index):
         module.MAX_CELLS = MOST_CELLS
-    ground_surface.MOST_PART_CELLS, layout.MOST_POINTS = MOST_CELLS, sys.maxsize
+    layout.MOST_POINTS = sys.maxsize
     rng = np.random.default_rng(arguments.seed)
     rows, good = [], True
     with open_cache(arguments.cache) as cache, tempfile.TemporaryDirectory() as room:

@@ -13,10 +13,10 @@ from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.evidence.conductors import ConductorResult, model_conductors
 from plc_inspect.core.evidence.endings import cut_ends
-from plc_inspect.core.evidence.free_length import find_sight, Sight
 from plc_inspect.core.evidence.judge import SIDE
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, HeightResult
 from plc_inspect.core.extraction.linearity import (
@@ -69,7 +69,7 @@ class FoundLines:
     """Candidates that are no outliers."""
     alignment: AlignmentResult
     clustering: ClusteringResult
-    sight: Sight
+    sight: GroundGrid
     """Ground that was seen when conductors were judged."""
     conductors: ConductorResult
     borne: tuple[Curve, ...]
@@ -185,7 +185,7 @@ def _find_once(
     )
 
     # Eqs. 6 and 7: catenaries, and which of them are conductors.
-    sight = find_sight(height)
+    sight = height.ground
     conductors = log.run(
         None,
         lambda: model_conductors(
@@ -298,6 +298,6 @@ def _hang(
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)
     spans = settle_strays(cloud, spans)
-    spans = tell_evidence(cloud, spans, find_sight(height), settings.catenary)
+    spans = tell_evidence(cloud, spans, height.ground, settings.catenary)
     spans = spread_spans(spans, cloud)
     return _Hung(height=height, borne=borne, layout=layout, spans=spans)

@@ -39,7 +39,7 @@ def report_height(height: HeightResult, num_strays: int = 0) -> Outcome:
             'threshold': height.threshold if math.isfinite(height.threshold) else None,
             'histogram': height.histogram.tolist(),
             'edges': [float(height.edges[0]), float(height.edges[-1])],
-            'cell_size': height.cell_size,
+            'cell_size': height.ground.cell_size,
         },
     )
 

@@ -40,15 +40,15 @@ def find_reach(grid, counts, tile):
 
 def test_a_corridor_is_cut_into_long_tiles():
     """What is read of a line is narrow: a tile of it may be longer than one of a plain."""
-    corridor = np.zeros((80, 80), dtype=np.int64)
-    corridor[40:42] = 1000
+    corridor = np.zeros((160, 160), dtype=np.int64)
+    corridor[80:82] = 1000
     grid, tiles = lay(corridor)
     longest = max((tile.last[0] - tile.first[0] + 1) * EDGE for tile in tiles)
-    assert longest == 3200.0
-    assert sum(tile.num_near for tile in tiles) < 1.35 * corridor.sum()
-    plain = np.full((80, 80), 1000, dtype=np.int64)
+    assert longest == 6400.0
+    assert sum(tile.num_near for tile in tiles) < 1.2 * corridor.sum()
+    plain = np.full((160, 160), 1000, dtype=np.int64)
     _, others = lay(plain)
-    assert max((tile.last[0] - tile.first[0] + 1) * EDGE for tile in others) == 1600.0
+    assert max((tile.last[0] - tile.first[0] + 1) * EDGE for tile in others) == 3200.0
     for counts, own in ((corridor, tiles), (plain, others)):
         assert max(find_reach(grid, counts, tile) for tile in own) <= MOST_REACH
 
@@ -69,7 +69,7 @@ def test_a_halo_is_wide_from_the_first_where_few_points_are_more():
     for tile in tiles:
         assert tile.num_near == corridor.ravel()[tile.cells(grid, 750.0)].sum()
     assert {tile.halo for tile in lay(corridor)[1]} == {HALO}
-    _, plain = lay(np.full((80, 80), 1000), halo=None)
+    _, plain = lay(np.full((80, 80), 1000), halo=None, most_edge=1600.0)
     inner = [tile for tile in plain if min(tile.first) > 3 and max(tile.last) < 76]
     assert {tile.halo for tile in inner} == {500.0}
     allowed = max(tile.num_near for tile in lay(corridor)[1])

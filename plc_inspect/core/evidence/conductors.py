@@ -31,10 +31,10 @@ from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
-from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.core.evidence.judge import Judge, RAIL, Verdict
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import BUILT, list_evidence
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -75,7 +75,7 @@ def model_conductors(
     points: Float64,
     index: PlanIndex,
     clustering: ClusteringResult,
-    sight: Sight,
+    sight: GroundGrid,
     settings: CatenarySettings,
     rng: np.random.Generator,
     searches: Searches | None = None,
@@ -96,7 +96,7 @@ def model_conductors(
         Of the points off the ground.
     clustering : ClusteringResult
         Segments and tracks.
-    sight : Sight
+    sight : GroundGrid
         Ground that was seen.
     settings : CatenarySettings
         Settings of this stage.
@@ -140,7 +140,7 @@ def judge_curves(
     points: Float64,
     index: PlanIndex,
     clustering: ClusteringResult,
-    sight: Sight,
+    sight: GroundGrid,
     settings: CatenarySettings,
     rng: np.random.Generator,
     searches: Searches | None = None,

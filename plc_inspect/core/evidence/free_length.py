@@ -34,7 +34,7 @@ from plc_inspect.core.catenary.curve_row import (
     slope_of,
     TOLERANCE,
 )
-from plc_inspect.core.extraction.height import HeightResult
+from plc_inspect.core.extraction.ground_grid import GroundGrid, is_seen
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Bool, Float64
 
@@ -142,33 +142,8 @@ UNKNOWN = FreeLength(
 """As if all of a curve were cluttered."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sight:
-    """Where the ground was seen, cell by cell."""
-
-    seen: Bool
-    """(rows, columns), y by x."""
-    origin: Float64
-    """(2,) x, y of the lower corner [m]."""
-    cell_size: float
-
-    def tell(self, places: Float64) -> Bool:
-        """Tell where ground was seen below (K, 2+) places [m]; beyond the cells it was not."""
-        column, row = np.floor((places[:, :2] - self.origin) / self.cell_size).astype(np.int64).T
-        rows, columns = self.seen.shape
-        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        result = np.zeros(len(places), dtype=bool)
-        result[inside] = self.seen[row[inside], column[inside]]
-        return result
-
-
-def find_sight(height: HeightResult) -> Sight:
-    """Return where the ground was seen."""
-    return Sight(seen=height.ground_seen, origin=height.origin, cell_size=height.cell_size)
-
-
 def measure_free_length(
-    points: Float64, index: PlanIndex, curve: Curve, ignore: Bool, sight: Sight
+    points: Float64, index: PlanIndex, curve: Curve, ignore: Bool, sight: GroundGrid
 ) -> FreeLength:
     """
     Measure how many metres of a curve hang free in the air.
@@ -183,8 +158,8 @@ def measure_free_length(
         The curve, between its own ends.
     ignore : (N,) bool
         Points of conductors; those in the ring do not count.
-    sight : Sight
-        Ground that was seen.
+    sight : GroundGrid
+        Where ground was seen.
 
     Returns
     -------
@@ -192,7 +167,7 @@ def measure_free_length(
 
     """
     close, wide, above, cluttered, company = _measure(
-        points, index.grid, curve.row, ignore, sight.seen, sight.origin, sight.cell_size
+        points, index.grid, curve.row, ignore, sight.seen, sight.blocks
     )
     return FreeLength(
         close=close, wide=wide, open=above, cluttered=cluttered, company=company
@@ -200,11 +175,11 @@ def measure_free_length(
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: ignore[no-untyped-def]
+def _measure(points, grid, row, ignore, seen, blocks):  # type: ignore[no-untyped-def]
     """Metres of evidence by the close ring, the wide one and above what was seen; and against."""
     low, high = row[LOW], row[HIGH]
     num = max(int((high - low) / STEP), 1)
-    is_open = _see_ground(row, num, seen, corner_seen, cell_seen)
+    is_open = _see_ground(row, num, seen, blocks)
     distance, across, part, core = place_about(points, grid, row, ignore, is_open)
     if core == 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0
@@ -287,15 +262,14 @@ def ring_about(core):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _see_ground(row, num, seen, corner, cell):  # type: ignore[no-untyped-def]
+def _see_ground(row, num, seen, blocks):  # type: ignore[no-untyped-def]
     """Tell the parts of a row's curve below whose middles the ground was seen."""
     result = np.zeros(num, dtype=np.bool_)
     for place in range(num):
         x = row[LOW] + (row[HIGH] - row[LOW]) * (place + 0.5) / num
-        column = (row[ORIGIN_X] + row[COS] * x - corner[0]) / cell
-        line = (row[ORIGIN_Y] + row[SIN] * x - corner[1]) / cell
-        if 0.0 <= column < seen.shape[1] and 0.0 <= line < seen.shape[0]:
-            result[place] = seen[int(line), int(column)]
+        result[place] = is_seen(
+            seen, blocks, row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+        )
     return result
 
 

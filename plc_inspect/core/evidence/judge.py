@@ -16,12 +16,7 @@ from plc_inspect.core.catenary.duplicates import find_along, is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.bars import is_bar
 from plc_inspect.core.evidence.edges import find_edges
-from plc_inspect.core.evidence.free_length import (
-    FreeLength,
-    measure_free_length,
-    Sight,
-    UNKNOWN,
-)
+from plc_inspect.core.evidence.free_length import FreeLength, measure_free_length, UNKNOWN
 from plc_inspect.core.evidence.stays import find_fans, find_held, find_stays, LEAST_EVEN
 from plc_inspect.core.evidence.ties import find_tied
 from plc_inspect.core.evidence.validation import (
@@ -38,6 +33,7 @@ from plc_inspect.core.evidence.validation import (
     STRAIGHTEST,
     TIED,
 )
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64, Int64
@@ -112,7 +108,7 @@ class Judge:
         self,
         points: Float64,
         index: PlanIndex,
-        sight: Sight,
+        sight: GroundGrid,
         curves: Sequence[Curve],
         settings: CatenarySettings,
         believed: Sequence[Verdict] = (),

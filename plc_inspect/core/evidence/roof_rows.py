@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.evidence.free_length import Sight
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.results import Bool, Float64
 
 BESIDE = 2.5
@@ -37,7 +37,7 @@ STEP = 0.5
 """Step along a curve at which the ground below is looked at [m].  Source: numerical."""
 
 
-def are_roof_rows(curves: Sequence[Curve], sight: Sight) -> Bool:
+def are_roof_rows(curves: Sequence[Curve], sight: GroundGrid) -> Bool:
     """
     Tell curves that run side by side over ground that was not seen.
 
@@ -45,7 +45,7 @@ def are_roof_rows(curves: Sequence[Curve], sight: Sight) -> Bool:
     ----------
     curves : sequence of Curve
         C curves.
-    sight : Sight
+    sight : GroundGrid
         Where the ground was seen.
 
     Returns
@@ -53,7 +53,7 @@ def are_roof_rows(curves: Sequence[Curve], sight: Sight) -> Bool:
     (C,) bool
 
     """
-    seen = [float(sight.tell(curve.position(_step_along(curve))).mean()) for curve in curves]
+    seen = [float(sight.tell_seen(curve.position(_step_along(curve))).mean()) for curve in curves]
     result = np.zeros(len(curves), dtype=bool)
     candidates = [number for number, share in enumerate(seen) if share <= AT_EDGE]
     for k, one in enumerate(candidates):

@@ -3,27 +3,33 @@
 
 """The ground surface of a cloud, and the heights of its points above it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 from numba import njit, prange
 import numpy as np
+from numpy.typing import NDArray
 
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.extraction.ground_filter import estimate_ground
+from plc_inspect.core.extraction.ground_grid import (
+    COLUMNS,
+    find_cell,
+    FINE,
+    GroundGrid,
+    lay_blocks,
+    make_unknown,
+    MAX_CELLS,
+    MOST_CELLS,
+    MOST_SQUARES,
+    ROWS,
+    SHIFT,
+    WHOLE,
+)
 from plc_inspect.core.numerics.plan_index import clamp
 from plc_inspect.results import Bool, Float32, Float64
 
-MAX_CELLS = 16_000_000
-"""
-Greatest number of cells of the ground grid; a larger area gets larger cells.
-Source: numerical: the grid, float32, takes 64 MB.
-"""
-MOST_PART_CELLS = 80_000_000
-"""
-Greatest number of cells of the grid of a part of a cloud, whose cells must be those of the whole.
-Source: derived: a tile of 1800 m with halos of 2000 m, turned by any angle; few are as large.
-"""
 STRETCH = 2048
 """
 Points whose heights are computed together.
@@ -34,10 +40,11 @@ EDGE = 20.0
 Margin of the grid about a part of a cloud, unless the whole ends there [m].
 Source: derived: more than AREAL_REACH cells, as the edge of the grid influences the ground.
 """
-BLOCK_CELLS = 64
+CONTEXT = 2 * FINE
 """
-The grid of a part begins at a multiple of this many cells of the whole.
-Source: derived: a power of two, so that gaps of 64 cells are filled from the same means.
+Cells about a block that are looked at with it; there are FINE more between it and its points.
+Source: derived: gaps of up to FINE cells are filled from those about them; with 130 m about the
+points of a tile, bench/grid/equality.py found other heights, with 200 m the same.
 """
 LANES = 16
 """
@@ -55,11 +62,7 @@ class Surface:
     extremes: Float32
     """(2,) least and greatest height [m]; inf and -inf where no ground is known anywhere."""
     num_finite: int
-    ground: Float32
-    """(rows, columns) see HeightResult, as are the others."""
-    ground_seen: Bool
-    origin: Float64
-    cell_size: float
+    ground: GroundGrid
 
 
 def measure_surface(
@@ -99,49 +102,89 @@ def measure_surface(
             height=np.full(len(points), np.nan, dtype=np.float32),
             extremes=np.array([np.inf, -np.inf], dtype=np.float32),
             num_finite=0,
-            ground=np.full((1, 1), np.nan, dtype=np.float32),
-            ground_seen=np.zeros((1, 1), dtype=bool),
-            origin=np.zeros(2),
-            cell_size=settings.cell_size,
+            ground=make_unknown(settings.cell_size),
         )
-    # lay the cells
-    if region is None:
-        low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
-    else:
-        _lay_out(low, high, region, settings.cell_size)
-    extent = high[:2] - low[:2]
-    most = MAX_CELLS if region is None else MOST_PART_CELLS
-    cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / most))
-    per_cell = 1.0 / cell  # as the kernel multiplies by it, no point lies beyond the grid
-    shape = (int(extent[1] * per_cell) + 1, int(extent[0] * per_cell) + 1)
-    # estimate the ground from the lowest points, and measure heights above it
+    # estimate the ground from the lowest point of each cell
+    grid = _lay_cells(points, low, high, settings.cell_size, region)
     solid = points if airborne is None else points[~airborne]
-    lowest = _lowest_points(solid, low, per_cell, shape[0], shape[1])
-    ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
+    _lowest_points(solid, low, grid.blocks, grid.height)
+    ground = _estimate(grid, math.tan(math.radians(settings.max_slope_deg)))
+    # measure heights above it
     height = np.empty(len(points), dtype=np.float32)
-    extremes = _heights(points, ground, low, cell, height)
-    return Surface(
-        height=height,
-        extremes=extremes,
-        num_finite=num_finite,
-        ground=ground,
-        ground_seen=seen,
-        origin=low[:2],
-        cell_size=cell,
+    extremes = _heights(points, ground.height, ground.blocks, height)
+    return Surface(height=height, extremes=extremes, num_finite=num_finite, ground=ground)
+
+
+def _lay_cells(
+    points: Float64, low: Float64, high: Float64, cell: float, region: Float64 | None
+) -> GroundGrid:
+    """Lay cells without heights; move ``low`` to the lower corner of the first."""
+    whole = np.array([low, high]) if region is None else region
+    first = np.floor(whole[0, :2] / cell) * cell
+    extent = np.maximum(whole[1, :2], high[:2]) - first
+    most = float(np.prod(extent)) / cell**2
+    is_wide = most > MAX_CELLS
+    if region is None:
+        cell *= max(1.0, math.sqrt(most / FINE**2 / MOST_SQUARES))
+        low[:2] = first
+    else:
+        low[2] = region[0, 2]
+        _lay_out(low, high, region, first, cell, is_wide)
+    while True:
+        per_cell = 1.0 / cell  # as the kernel multiplies by it, no point lies beyond the grid
+        extent = high[:2] - low[:2]
+        shape = (int(extent[1] * per_cell) + 1, int(extent[0] * per_cell) + 1)
+        table, shift = np.array([[[0, 0, 0, *shape]]]), WHOLE
+        num_kept = (shape[0] + 1) * (shape[1] + 1)
+        if is_wide:
+            (table, num_kept), shift = lay_blocks(points, low, cell, shape), SHIFT
+        if num_kept <= MOST_CELLS:
+            break
+        cell *= 1.01 * math.sqrt(num_kept / MOST_CELLS)
+    return GroundGrid(
+        origin=low[:2], cell_size=cell, shape=shape, table=table, shift=shift,
+        height=np.empty(num_kept, dtype=np.float32), seen=np.zeros(num_kept, dtype=bool),
     )
 
 
-def _lay_out(low: Float64, high: Float64, region: Float64, cell: float) -> None:
+def _lay_out(
+    low: Float64, high: Float64, region: Float64, first: Float64, cell: float, is_wide: bool
+) -> None:
     """Widen the bounds of a part so that its cells and blocks coincide with those of the whole."""
-    first = np.floor(region[0, :2] / cell) * cell
-    size = BLOCK_CELLS * cell
-    blocks, own = np.floor((low[:2] - EDGE - first) / size), np.floor((low[:2] - first) / size)
+    edge, num = ((CONTEXT + FINE) * cell, 2**SHIFT) if is_wide else (EDGE, FINE)
+    size = num * cell
+    blocks, own = np.floor((low[:2] - edge - first) / size), np.floor((low[:2] - first) / size)
     # points that came after the whole was measured may lie before its first cell
     low[:2] = first + np.maximum(blocks, np.minimum(own, 0.0)) * size
-    low[2] = region[0, 2]
     high[:2] = np.minimum(
-        np.maximum(high[:2] + EDGE, low[:2]), np.maximum(region[1, :2], high[:2])
+        np.maximum(high[:2] + edge, low[:2]), np.maximum(region[1, :2], high[:2])
     )
+
+
+def _estimate(lowest: GroundGrid, max_slope: float) -> GroundGrid:
+    """Estimate the ground block by block, each with what is about it."""
+    ground = replace(
+        lowest, height=np.empty_like(lowest.height), seen=np.zeros_like(lowest.seen)
+    )
+    for number in np.argwhere(lowest.table[:, :, ROWS] > 0).tolist():
+        (row, column), (rows, columns) = lowest.place(number)
+        low = max(row - CONTEXT, 0), max(column - CONTEXT, 0)
+        about, seen = estimate_ground(
+            lowest.cut(low, (row + rows + CONTEXT, column + columns + CONTEXT)),
+            lowest.cell_size, max_slope,
+        )
+        corner = row - low[0], column - low[1]
+        _put(ground.view(ground.height, number), about, corner)
+        _put(ground.view(ground.seen, number), seen, corner)
+    return ground
+
+
+def _put(view: NDArray[Any], about: NDArray[Any], corner: tuple[int, int]) -> None:
+    """Set a block with one row and column more: the neighbour's first, or again the last."""
+    own = about[corner[0] :, corner[1] :][: view.shape[0], : view.shape[1]]
+    view[: own.shape[0], : own.shape[1]] = own
+    view[own.shape[0] :] = view[own.shape[0] - 1]
+    view[:, own.shape[1] :] = view[:, own.shape[1] - 1 : own.shape[1]]
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -195,44 +238,64 @@ def bounds(points):  # type: ignore[no-untyped-def]
 # The compiler turns loops into vector instructions if they have no branches, few enough arrays to
 # check for overlap, and a known stride from point to point, hence ``ravel``.
 @njit(cache=True, nogil=True)
-def _find_cells(points, low, per_cell, rows, columns, at, z):  # type: ignore[no-untyped-def]
-    """Set the cell of each point, and its z above ``low``, NaN if it is not finite."""
-    flat, x0, y0, z0 = points.ravel(), low[0], low[1], low[2]
-    most_x, most_y, wide = columns - 1.0, rows - 1.0, np.uint32(columns)
+def _find_cells(points, low, blocks, row, column, z):  # type: ignore[no-untyped-def]
+    """Set row and column of each point, and its z above ``low``, NaN if it is not finite."""
+    _, _, _, cell, rows, columns = blocks
+    flat, x0, y0, z0, per_cell = points.ravel(), low[0], low[1], low[2], 1.0 / cell
+    most_x, most_y = columns - 1.0, rows - 1.0
     for k in range(len(points)):
         x, y = (flat[3 * k] - x0) * per_cell, (flat[3 * k + 1] - y0) * per_cell
         flaw = 0.0 * x + 0.0 * y + 0.0 * flat[3 * k + 2]  # NaN and infinity times 0 are NaN
         x, y = clamp(x, most_x), clamp(y, most_y)
-        at[k] = np.uint32(np.int32(y)) * wide + np.uint32(np.int32(x))
+        row[k], column[k] = np.uint32(np.int32(y)), np.uint32(np.int32(x))
         z[k] = flat[3 * k + 2] - z0 + flaw
 
 
+@njit(cache=True, nogil=True)
+def _address(row, column, table, shift, at, wide):  # type: ignore[no-untyped-def]
+    """Set the place of each cell within the grid, and how far the next row is from it."""
+    if shift == WHOLE:
+        step = np.uint32(table[0, 0, COLUMNS] + 1)
+        for k in range(len(row)):
+            at[k] = row[k] * step + column[k]
+            wide[k] = step
+        return
+    for k in range(len(row)):
+        r, c = np.int64(row[k]), np.int64(column[k])
+        # cells beside those of points are kept as well; others would be a defect
+        at[k] = np.uint32(max(find_cell(table, shift, r, c), 0))
+        wide[k] = np.uint32(table[r >> shift, c >> shift, COLUMNS] + 1)
+
+
 @njit(cache=True, parallel=True, nogil=True)
-def _lowest_points(points, low, per_cell, rows, columns):  # type: ignore[no-untyped-def]
-    num_parts = 2
-    grids = np.full((num_parts, rows * columns), np.inf, dtype=np.float32)
+def _lowest_points(points, low, blocks, lowest):  # type: ignore[no-untyped-def]
+    """Set the lowest point of each cell that is kept [m], NaN where none is."""
+    table, shift, _, _, _, _ = blocks
+    num_parts, num_cells = 2, len(lowest)
+    grids = np.full((num_parts, num_cells), np.inf, dtype=np.float32)
     num = len(points)
     for part in prange(num_parts):
         grid = grids[part]
         begin, end = part * num // num_parts, (part + 1) * num // num_parts
         size = min(STRETCH, end - begin)
-        at, z = np.empty(size, dtype=np.uint32), np.empty(size)
+        row, column = np.empty(size, dtype=np.uint32), np.empty(size, dtype=np.uint32)
+        at, wide = np.empty(size, dtype=np.uint32), np.empty(size, dtype=np.uint32)
+        z = np.empty(size)
         for first in range(begin, end, STRETCH):
             own = points[first : min(first + STRETCH, end)]
-            _find_cells(own, low, per_cell, rows, columns, at, z)
-            for k in range(len(own)):
+            stretch = len(own)
+            _find_cells(own, low, blocks, row, column, z)
+            _address(row[:stretch], column[:stretch], table, shift, at, wide)
+            for k in range(stretch):
                 if z[k] < grid[at[k]]:
                     grid[at[k]] = z[k]
-    lowest = np.empty((rows, columns), dtype=np.float32)
-    for row in prange(rows):
-        for column in range(columns):
-            value = min(grids[0, row * columns + column], grids[1, row * columns + column])
-            lowest[row, column] = value + low[2] if np.isfinite(value) else np.nan
-    return lowest
+    for k in prange(num_cells):
+        value = min(grids[0, k], grids[1, k])
+        lowest[k] = value + low[2] if np.isfinite(value) else np.nan
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
+def _heights(points, ground, blocks, height):  # type: ignore[no-untyped-def]
     """
     Set the height of each point above the ground; return the least and the greatest.
 
@@ -242,23 +305,22 @@ def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
     num = len(points)
     least = np.full((num_parts, LANES), np.inf, dtype=np.float32)
     most = np.full((num_parts, LANES), -np.inf, dtype=np.float32)
-    rows, columns = ground.shape
-    # repeat the last row and column, so that all cells have neighbours
-    padded = np.empty((rows + 1, columns + 1), dtype=ground.dtype)
-    padded[:rows, :columns] = ground
-    padded[rows, :columns] = ground[rows - 1]
-    padded[:, columns] = padded[:, columns - 1]
+    table, shift, _, _, _, _ = blocks
     for part in prange(num_parts):
         begin, end = part * num // num_parts, (part + 1) * num // num_parts
         size = min(STRETCH, end - begin)
-        at, right, up = np.empty(size, dtype=np.uint32), np.empty(size), np.empty(size)
+        row, column = np.empty(size, dtype=np.uint32), np.empty(size, dtype=np.uint32)
+        at, wide = np.empty(size, dtype=np.uint32), np.empty(size, dtype=np.uint32)
+        right, up = np.empty(size), np.empty(size)
         z, g00, g01 = np.empty(size), np.empty(size, ground.dtype), np.empty(size, ground.dtype)
         g10, g11 = np.empty(size, ground.dtype), np.empty(size, ground.dtype)
         for first in range(begin, end, STRETCH):
             last = min(first + STRETCH, end)
             own = points[first:last]
-            _locate(own, low, cell, rows, columns, at, right, up)
-            _pick_corners(own, padded, at, z, g00, g01, g10, g11)
+            stretch = len(own)
+            _locate(own, blocks, row, column, right, up)
+            _address(row[:stretch], column[:stretch], table, shift, at, wide)
+            _pick_corners(own, ground, at, wide, z, g00, g01, g10, g11)
             _interpolate(right, up, z, g00, g01, g10, g11, height[first:last])
             _widen(height[first:last], least[part], most[part])
     result = np.empty(2, dtype=np.float32)
@@ -268,32 +330,33 @@ def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _locate(points, low, cell, rows, columns, at, right, up):  # type: ignore[no-untyped-def]
+def _locate(points, blocks, row, column, right, up):  # type: ignore[no-untyped-def]
     """
     Set the cell centre to the lower left of each point, and the distance of the point from it.
 
-    Distances are in cells, NaN where the point is not finite; cells are those of the padded grid.
+    Distances are in cells, NaN where the point is not finite.
     """
-    flat, per_cell, wide = points.ravel(), 1.0 / cell, np.uint32(columns + 1)
-    x0, y0, most_x, most_y = low[0], low[1], columns - 1.0, rows - 1.0
+    _, _, origin, cell, rows, columns = blocks
+    flat, per_cell = points.ravel(), 1.0 / cell
+    x0, y0, most_x, most_y = origin[0], origin[1], columns - 1.0, rows - 1.0
     for k in range(len(points)):
         x, y = (flat[3 * k] - x0) * per_cell - 0.5, (flat[3 * k + 1] - y0) * per_cell - 0.5
         flaw = 0.0 * x + 0.0 * y + 0.0 * flat[3 * k + 2]  # NaN and infinity times 0 are NaN
         x, y = clamp(x, most_x), clamp(y, most_y)
-        column, row = np.int32(x), np.int32(y)
-        at[k] = np.uint32(row) * wide + np.uint32(column)
-        right[k] = x - column + flaw
-        up[k] = y - row
+        left, lower = np.int32(x), np.int32(y)
+        column[k], row[k] = np.uint32(left), np.uint32(lower)
+        right[k] = x - left + flaw
+        up[k] = y - lower
 
 
 @njit(cache=True, nogil=True)
-def _pick_corners(points, padded, at, z, g00, g01, g10, g11):  # type: ignore[no-untyped-def]
+def _pick_corners(points, ground, at, wide, z, g00, g01, g10, g11):  # type: ignore[no-untyped-def]
     """Set z of each point, and the ground at the four cell centres about it."""
-    flat, one, wide = padded.ravel(), np.uint32(1), np.uint32(padded.shape[1])
+    one = np.uint32(1)
     for k in range(len(points)):
-        here = at[k]
-        g00[k], g01[k] = flat[here], flat[here + one]
-        g10[k], g11[k] = flat[here + wide], flat[here + wide + one]
+        here, above = at[k], at[k] + wide[k]
+        g00[k], g01[k] = ground[here], ground[here + one]
+        g10[k], g11[k] = ground[above], ground[above + one]
         z[k] = points[k, 2]
 
 

@@ -10,8 +10,8 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.ground_surface import measure_surface, Surface
-from plc_inspect.core.numerics.plan_index import clamp
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
@@ -43,13 +43,7 @@ class HeightResult:
     """(num_bins,) points per bin of height; not those beyond the edges."""
     edges: Float64
     """(num_bins + 1,) bin edges [m]."""
-    ground: Float32
-    """(rows, columns) ground height at cell centres, y by x [m]; NaN where none is known."""
-    ground_seen: Bool
-    """(rows, columns) whether ground was measured in the cell, not interpolated."""
-    origin: Float64
-    """(2,) x, y of the lower corner of the grid [m]."""
-    cell_size: float
+    ground: GroundGrid
     airborne: Bool | None = None
     """(N,) points known not to be ground, None where none are."""
 
@@ -109,9 +103,6 @@ def extract_high(
         histogram=histogram,
         edges=edges,
         ground=surface.ground,
-        ground_seen=surface.ground_seen,
-        origin=surface.origin,
-        cell_size=surface.cell_size,
         airborne=airborne,
     )
 
@@ -130,69 +121,6 @@ def count_heights(height: Float32, edges: Float64) -> Int64:
     return counts.sum(axis=0)
 
 
-def ground_at(
-    result: HeightResult, positions: Float64, max_gap: float = math.inf
-) -> Float64:
-    """
-    Return the height of the ground at plan positions.
-
-    Parameters
-    ----------
-    result : HeightResult
-        Of the cloud.
-    positions : (K, 2) float64
-        Plan positions [m]; outside the grid, its nearest cell counts.
-    max_gap : float
-        Greatest distance from a cell in which ground was measured [m].
-
-    Returns
-    -------
-    (K,) float64
-        Height of the ground [m], NaN where unknown.
-
-    """
-    height: Float64 = _ground_at(
-        result.ground, result.ground_seen, result.origin, result.cell_size,
-        np.ascontiguousarray(positions, dtype=np.float64), max_gap,
-    )
-    return height
-
-
-@njit(cache=True, nogil=True)
-def _ground_at(ground, seen, origin, size, positions, max_gap):  # type: ignore[no-untyped-def]
-    result = np.full(len(positions), np.nan)
-    last_row, last_column = ground.shape[0] - 1, ground.shape[1] - 1
-    for k in range(len(positions)):
-        x = (positions[k, 0] - origin[0]) / size - 0.5
-        y = (positions[k, 1] - origin[1]) / size - 0.5
-        if not (math.isfinite(x) and math.isfinite(y)):
-            continue
-        x, y = clamp(x, float(last_column)), clamp(y, float(last_row))
-        # interpolate between the four cell centres about the position, if ground was seen near it
-        if not _is_seen_near(seen, int(np.rint(y)), int(np.rint(x)), max_gap / size):
-            continue
-        left, lower = min(int(x), max(last_column - 1, 0)), min(int(y), max(last_row - 1, 0))
-        right, upper = min(left + 1, last_column), min(lower + 1, last_row)
-        x, y = x - left, y - lower
-        below = ground[lower, left] * (1.0 - x) + ground[lower, right] * x
-        above = ground[upper, left] * (1.0 - x) + ground[upper, right] * x
-        result[k] = below * (1.0 - y) + above * y
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _is_seen_near(seen, row, column, reach):  # type: ignore[no-untyped-def]
-    """Tell whether ground was measured within ``reach`` cells of a cell."""
-    if seen[row, column] or reach == math.inf:
-        return True
-    num = int(reach)
-    for i in range(max(row - num, 0), min(row + num + 1, seen.shape[0])):
-        for j in range(max(column - num, 0), min(column + num + 1, seen.shape[1])):
-            if seen[i, j] and (i - row) ** 2 + (j - column) ** 2 <= reach * reach:
-                return True
-    return False
-
-
 def _without_ground(
     surface: Surface, high: Bool, threshold: float, settings: HeightSettings
 ) -> HeightResult:
@@ -204,9 +132,6 @@ def _without_ground(
         histogram=np.zeros(settings.num_bins, dtype=np.int64),
         edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
         ground=surface.ground,
-        ground_seen=surface.ground_seen,
-        origin=surface.origin,
-        cell_size=surface.cell_size,
     )
 
 

@@ -12,6 +12,7 @@ from plc_inspect.core.alignment.normal_cells import NormalCells, OPEN_NS
 from plc_inspect.core.alignment.registration import sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.extraction.dust import find_dust
+from plc_inspect.core.extraction.ground_grid import make_unknown
 from plc_inspect.core.hazards.clearance_rules import PLAIN
 from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.proximity import measure_proximity
@@ -115,6 +116,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         find_quantile(1)
         assign(np.zeros((2, 2)), 1.0)  # two rows with the same cheapest column
         along = np.arange(100.0)
+        make_unknown().tell_seen(points[:1])
         divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle
         points = np.concatenate((points, make_rarities()))
     _, result, _ = Session().conclude(points, settings, 0, complete=True)

@@ -125,6 +125,26 @@ def take_rows(points, chosen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True, nogil=True)
+def put_rows(table, place, rows):  # type: ignore[no-untyped-def]
+    """
+    Copy rows to their places.
+
+    Parameters
+    ----------
+    table : (N, M) array
+        Of which some rows are set.
+    place : (K,) int64
+        Where, each place at most once.
+    rows : (K, M) array
+        What.
+
+    """
+    for k in prange(len(place)):
+        for column in range(table.shape[1]):
+            table[place[k], column] = rows[k, column]
+
+
+@njit(cache=True, parallel=True, nogil=True)
 def take_found(chosen, found, distance, span):  # type: ignore[no-untyped-def]
     """
     Copy a part of the results of `find_near`.

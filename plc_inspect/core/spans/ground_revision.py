@@ -12,9 +12,8 @@ import numpy as np
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
-from plc_inspect.core.evidence.free_length import find_sight
 from plc_inspect.core.extraction.ground_surface import measure_surface
-from plc_inspect.core.extraction.height import extract_high, ground_at, HeightResult
+from plc_inspect.core.extraction.height import extract_high, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.results import Bool, Float64
 
@@ -174,7 +173,7 @@ def _measure_without(
     # the ground below them is a guess where none was seen, and may be as high as they are
     own = np.flatnonzero(airborne)
     high = found.high.copy()
-    high[own] |= ~find_sight(found).tell(points[own])
+    high[own] |= ~found.ground.tell_seen(points[own])
     return replace(found, high=high)
 
 
@@ -185,12 +184,12 @@ def _find_low(curves: Sequence[Curve], height: HeightResult, beta: float) -> lis
     places = [
         curve.position(np.linspace(
             curve.low - BEYOND, curve.high + BEYOND,
-            int((curve.length + 2 * BEYOND) / height.cell_size) + 2,
+            int((curve.length + 2 * BEYOND) / height.ground.cell_size) + 2,
         ))
         for curve in curves
     ]
     at = np.concatenate(places)
-    near = at[:, 2] - ground_at(height, at[:, :2]) < beta
+    near = at[:, 2] - height.ground.at(at[:, :2]) < beta
     start = np.cumsum([0, *(len(place) for place in places[:-1])])
     low = np.logical_or.reduceat(near, start)
     return [curve for curve, is_low in zip(curves, low, strict=True) if is_low]

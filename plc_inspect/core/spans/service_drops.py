@@ -19,7 +19,7 @@ from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
-from plc_inspect.core.evidence.free_length import find_sight, measure_free_length
+from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import add_up, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -281,7 +281,7 @@ def _find_curves(
     for curve in curves:
         low = _find_start(cloud, curve, support, wire)
         thin = _make_thin(curve, low)
-        free = measure_free_length(points, index, thin, wire, find_sight(cloud.height))
+        free = measure_free_length(points, index, thin, wire, cloud.height.ground)
         evidence = add_up(thin, free, limits)
         total += evidence
         if evidence > 0.0 and _is_tap(cloud, curve, thin, support, known, settings):

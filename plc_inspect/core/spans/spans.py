@@ -10,9 +10,10 @@ import math
 import numpy as np
 
 from plc_inspect.config import CatenarySettings, Settings
-from plc_inspect.core.evidence.free_length import measure_free_length, Sight
+from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import add_up
-from plc_inspect.core.extraction.height import ground_at, HeightResult
+from plc_inspect.core.extraction.ground_grid import GroundGrid
+from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.attachments import settle_ends
@@ -184,13 +185,13 @@ def measure_ground_below(height: HeightResult, model: SpanModel) -> Float64:
     num = max(int(model.span.length), 2) + 1
     x = np.linspace(model.start_x, model.end_x, num)
     at = model.curve.position(x)
-    clearance = at[:, 2] - ground_at(height, at[:, :2], MAX_GROUND_GAP)
+    clearance = at[:, 2] - height.ground.at(at[:, :2], MAX_GROUND_GAP)
     known = np.isfinite(clearance)
     return np.stack([model.along(x[known]), clearance[known]], axis=1)
 
 
 def tell_evidence(
-    cloud: OffGround, spans: SpanResult, sight: Sight, settings: CatenarySettings
+    cloud: OffGround, spans: SpanResult, sight: GroundGrid, settings: CatenarySettings
 ) -> SpanResult:
     """
     Tell of each span how much evidence there is that it is a conductor.
@@ -201,7 +202,7 @@ def tell_evidence(
         K points.
     spans : SpanResult
         With labels of these points.
-    sight : Sight
+    sight : GroundGrid
         Ground that was seen.
     settings : CatenarySettings
         What evidence is worth.

@@ -23,7 +23,6 @@ from plc_inspect.core.catenary.curve_row import (
     SIN,
 )
 from plc_inspect.core.catenary.cutting import cut_curve
-from plc_inspect.core.extraction.height import ground_at
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
@@ -266,7 +265,7 @@ def _stand_at(
 ) -> StandingPole | None:
     """Find the pole at a place of a curve."""
     place = curve.position(x)[0]
-    base = float(ground_at(cloud.height, place[None, :])[0])
+    base = float(cloud.height.ground.at(place[None, :])[0])
     if not math.isfinite(base):
         return None
     above = float(place[2]) - base

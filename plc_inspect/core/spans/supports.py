@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.core.extraction.height import ground_at
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.layout import Layout
@@ -214,7 +213,7 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
     azimuth, structure = _mean_azimuth(item.ends), item.structure
     attachments = np.array([end.place for end in item.ends])
     place = _settle(item.position, structure, azimuth)
-    foot = float(ground_at(cloud.height, place[None, :])[0])
+    foot = float(cloud.height.ground.at(place[None, :])[0])
     top = float(attachments[:, 2].max())
     kind = 'pole' if len(item.ends) < POLE_ENDS else None
     if structure is not None:
@@ -240,7 +239,7 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
 
 def _find_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure | None:
     """Find what stands at the ends of conductors and reaches up to them."""
-    base = float(ground_at(cloud.height, item.position[None, :])[0])
+    base = float(cloud.height.ground.at(item.position[None, :])[0])
     if not math.isfinite(base):
         return None
     attachment = np.array([end.place[2] for end in item.ends])
@@ -364,11 +363,11 @@ def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
 
 def _goes_on(cloud: OffGround, ends: Sequence[SpanEnd]) -> bool:
     """Tell whether ground was seen beyond all ends, so that they do not just leave the cloud."""
-    height = cloud.height
+    ground = cloud.height.ground
     ahead = np.array([end.place[:2] + BEYOND * end.outward for end in ends])
-    size = height.cell_size * np.array(height.ground.shape[::-1])
-    inside = (ahead >= height.origin).all() and (ahead <= height.origin + size).all()
-    return bool(inside and np.isfinite(ground_at(height, ahead, max_gap=0.5 * BEYOND)).all())
+    return ground.holds(ahead) and bool(
+        np.isfinite(ground.at(ahead, max_gap=0.5 * BEYOND)).all()
+    )
 
 
 def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:

@@ -48,11 +48,11 @@ LEAST_EDGE, MOST_EDGE = 20.0, 1000.0
 """Least and greatest edge of a cell [m]. Source: judgement; not measured."""
 MOST_CELLS = 4_000_000
 """Greatest number of cells over all inputs.  Source: numerical: their counts take 32 MB."""
-MOST_REACH = 5600.0
+MOST_REACH = 11300.0
 """
 Length and width together, at most, of what is read for a tile with its halos [m].
-Source: derived: turned by any angle, half the square of it, it keeps to the cells of
-core.extraction.ground_surface; a square of 2800 m and a corridor of 5300 m do.
+Source: derived: turned by any angle, half the square of it, it keeps to the cells of 2 m that
+core.numerics.plan_index lays; a square of 5600 m and a corridor of 11 km do.
 """
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import put_rows
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.cut import ATTRIBUTES
 from plc_inspect.results import Bool, Float64, Int64
@@ -65,32 +66,50 @@ def read_points(
 
     """
     own = set(core)
-    points, order, marks = [], [], []
+    chosen: list[Bool | None] = []
     for piece in pieces:
+        inside = None
+        if piece.cell not in own:
+            x, y = read_piece(folder, piece)[:, :2].T
+            inside = (x >= rectangle[0]) & (x < rectangle[2])
+            inside &= (y >= rectangle[1]) & (y < rectangle[3])
+        chosen.append(inside)
+    number, rank = _rank(folder, pieces, chosen)
+    points, is_core = np.empty((len(number), 3)), np.empty(len(number), dtype=bool)
+    first = 0
+    for piece, inside in zip(pieces, chosen, strict=True):
         xyz = read_piece(folder, piece)
-        key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64)
-        if len(xyz) != len(key):
-            raise DataError(f'{folder / piece.part}: cell {piece.cell} is damaged')
-        is_core = piece.cell in own
-        if not is_core:
-            inside = (xyz[:, 0] >= rectangle[0]) & (xyz[:, 0] < rectangle[2])
-            inside &= (xyz[:, 1] >= rectangle[1]) & (xyz[:, 1] < rectangle[3])
-            if not inside.all():
-                xyz, key = xyz[inside], key[inside]
-        points.append(xyz)
-        order.append(key + piece.first)
-        marks.append(np.full(len(key), is_core))
-    if not points:
-        return Points(
-            points=np.zeros((0, 3)), number=np.zeros(0, dtype=np.int64),
-            core=np.zeros(0, dtype=bool),
-        )
-    number = np.concatenate(order)
+        xyz = xyz if inside is None else xyz[inside]
+        place = rank[first : first + len(xyz)]
+        if len(place) < len(xyz):
+            raise _damaged(folder, piece)
+        put_rows(points, place, xyz)
+        is_core[place] = inside is None
+        first += len(xyz)
+    return Points(points=points, number=number, core=is_core)
+
+
+def _rank(
+    folder: Path, pieces: Sequence[Piece], chosen: Sequence[Bool | None]
+) -> tuple[Int64, Int64]:
+    """Return the numbers of all points, ascending, and for each point its place in them."""
+    parts = []
+    for piece, inside in zip(pieces, chosen, strict=True):
+        key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64) + piece.first
+        if inside is not None:
+            if len(inside) != len(key):
+                raise _damaged(folder, piece)
+            key = key[inside]
+        parts.append(key)
+    number = np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
     sequence = np.argsort(number, kind='stable')
-    return Points(
-        points=np.take(np.concatenate(points), sequence, axis=0),  # [sequence] is slow
-        number=np.take(number, sequence), core=np.take(np.concatenate(marks), sequence),
-    )
+    rank = np.empty_like(sequence)
+    rank[sequence] = np.arange(len(rank))
+    return np.take(number, sequence), rank
+
+
+def _damaged(folder: Path, piece: Piece) -> DataError:
+    return DataError(f'{folder / piece.part}: cell {piece.cell} is damaged')
 
 
 def read_piece(folder: Path, piece: Piece) -> Float64:
@@ -102,17 +121,23 @@ def read_attributes(
     folder: Path, pieces: Sequence[Piece]
 ) -> tuple[Float64, np.ndarray]:
     """Return coordinates (N, 3) [m] and (N,) ATTRIBUTES of the points, in order of the inputs."""
-    points, order, attributes = [], [], []
+    number, rank = _rank(folder, pieces, [None] * len(pieces))
+    points, attributes = np.empty((len(number), 3)), np.empty(len(number), dtype=ATTRIBUTES)
+    first = 0
     for piece in pieces:
-        points.append(read_piece(folder, piece))
-        key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64)
-        order.append(key + piece.first)
-        attributes.append(_load(folder, piece, 'att', ATTRIBUTES))
-    sequence = np.argsort(np.concatenate(order), kind='stable')
-    return (
-        np.take(np.concatenate(points), sequence, axis=0),
-        np.take(np.concatenate(attributes), sequence),
-    )
+        xyz, own = read_piece(folder, piece), _load(folder, piece, 'att', ATTRIBUTES)
+        place = rank[first : first + len(xyz)]
+        if not len(place) == len(xyz) == len(own):
+            raise _damaged(folder, piece)
+        put_rows(points, place, xyz)
+        put_rows(_as_bytes(attributes), place, _as_bytes(own))
+        first += len(xyz)
+    return points, attributes
+
+
+def _as_bytes(attributes: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    """Return (N,) ATTRIBUTES as (N, bytes) uint8, a view."""
+    return attributes.view(np.uint8).reshape(len(attributes), ATTRIBUTES.itemsize)
 
 
 def _load(folder: Path, piece: Piece, suffix: str, kind: np.dtype) -> np.ndarray:  # type: ignore[type-arg]

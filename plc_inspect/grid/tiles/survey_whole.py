@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HeightSettings, Settings
 from plc_inspect.core.cloud_frame import CloudFrame
+from plc_inspect.core.extraction.ground_grid import make_unknown
 from plc_inspect.core.extraction.ground_surface import bounds, measure_surface, Surface
 from plc_inspect.core.extraction.height import (
     count_heights,
@@ -83,12 +84,11 @@ def measure_ground(
     """
     found = job.read(CONTEXT)
     surface = measure_surface(frame.enter(found.points), settings, region=region)
-    known = surface.height[found.core]
-    known = known[np.isfinite(known)]
+    known = surface.height[found.core & np.isfinite(surface.height)]
     with job.publish(HEIGHTS) as aside:
         np.savez(
-            aside, known=known, height=surface.height, extremes=surface.extremes,
-            num_finite=surface.num_finite,
+            aside, height=surface.height, core=np.packbits(found.core),
+            extremes=surface.extremes, num_finite=surface.num_finite,
         )
     return {
         'extremes': [float(known.min(initial=math.inf)), float(known.max(initial=-math.inf))],
@@ -101,7 +101,9 @@ def count_tile(
     """Return the histogram of the heights stored with a tile."""
     edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
     with np.load(f'{job.place}{HEIGHTS}') as kept:
-        return {'counts': count_heights(kept['known'], edges).tolist()}
+        height = kept['height']
+        is_core = np.unpackbits(kept['core'], count=len(height)).astype(bool)
+    return {'counts': count_heights(height[is_core], edges).tolist()}
 
 
 def _load_surface(place: Path) -> Surface:
@@ -109,8 +111,7 @@ def _load_surface(place: Path) -> Surface:
     with np.load(f'{place}{HEIGHTS}') as kept:
         return Surface(
             height=kept['height'], extremes=kept['extremes'], num_finite=int(kept['num_finite']),
-            ground=np.full((1, 1), np.nan, dtype=np.float32),
-            ground_seen=np.zeros((1, 1), dtype=bool), origin=np.zeros(2), cell_size=1.0,
+            ground=make_unknown(),
         )
 
 

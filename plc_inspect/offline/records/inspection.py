@@ -116,9 +116,9 @@ def describe_coarse_ground(inspection: Inspection) -> str:
         (stage.values.get('cell_size', 0.0) for stage in inspection.result.stages), default=0.0
     )
     return '' if cell <= wanted else (
-        f'the points lie so far apart that the ground has cells of {cell:.1f} m in place of'
-        f' {wanted:g} m: heights above it and hazards may be missing or wrong; survey such a'
-        ' cloud in tiles, as by plc_survey with --tile 2000'
+        'the points cover so much, or lie so far apart, that the ground has cells of'
+        f' {cell:.1f} m in place of {wanted:g} m: heights above it and hazards may be missing or'
+        ' wrong; survey such a cloud in tiles, as by plc_survey with --tile 2000'
     )
 
 

@@ -37,7 +37,7 @@ def test_one_at_the_edge_is_of_the_roof():
     place = make_rows()[3].position(np.array([0.0]))[0, :2]
     row = int((place[1] - sight.origin[1]) / sight.cell_size)
     column = int((0.0 - sight.origin[0]) / sight.cell_size)
-    sight.seen[row, column : column + 3] = True
+    sight.view(sight.seen, (0, 0))[row, column : column + 3] = True
     assert are_roof_rows(make_rows(), sight).all()
 
 

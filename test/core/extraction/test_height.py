@@ -8,7 +8,7 @@ from toys import make_curve, make_ground, make_tree, make_wire, turn
 
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.extraction.ground_surface import bounds, measure_surface
-from plc_inspect.core.extraction.height import extract_high, ground_at
+from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.spans.ground_revision import revise_ground
 from plc_inspect.errors import ConfigError
 
@@ -18,6 +18,11 @@ SETTINGS = HeightSettings()
 def make_grid(num=20, z=0.0):
     x, y = np.meshgrid(np.arange(num) + 0.5, np.arange(num) + 0.5)
     return np.column_stack([x.ravel(), y.ravel(), np.full(num * num, z)])
+
+
+def look(ground):
+    """Return height and sight of all cells of a grid that keeps all."""
+    return tuple(ground.view(own, (0, 0))[:-1, :-1] for own in (ground.height, ground.seen))
 
 
 def test_toy_case_by_hand():
@@ -88,7 +93,7 @@ def test_a_stray_return_below_ground_does_not_pull_the_ground_down():
     stray = np.array([[20.5, 20.5, -12.0]])
     result = extract_high(np.vstack([ground, stray]), SETTINGS)
     assert np.abs(result.height[:-1]).max() < 0.5
-    assert ground_at(result, np.array([[20.5, 20.5]]))[0] == pytest.approx(0.0, abs=0.2)
+    assert result.ground.at(np.array([[20.5, 20.5]]))[0] == pytest.approx(0.0, abs=0.2)
 
 
 def test_a_cloud_of_wires_alone_has_no_ground():
@@ -105,7 +110,7 @@ def test_ground_at_is_linear_between_cells():
     x, y = (value.ravel() for value in np.meshgrid(*[np.arange(0.0, 30.01, 0.25)] * 2))
     result = extract_high(np.column_stack([x, y, slope(x, y)]), SETTINGS)
     places = np.array([[10.0, 10.0], [10.5, 10.0], [11.0, 10.0], [10.0, 12.0]])
-    found = ground_at(result, places)
+    found = result.ground.at(places)
     np.testing.assert_allclose(np.diff(found), [0.05, 0.05, -0.5], atol=1e-3)
     # the lowest point of a cell lies at its corner, at most 0.15 below its middle
     np.testing.assert_allclose(found, slope(*places.T), atol=0.151)
@@ -115,18 +120,18 @@ def test_ground_at_is_linear_between_cells():
 def test_ground_is_unknown_far_from_where_it_was_seen(max_gap):
     points = np.vstack([make_ground((0, 0), (20, 60)), make_ground((50, 0), (60, 60))])
     result = extract_high(points, SETTINGS)
-    gap = distance_transform_edt(~result.ground_seen) * result.cell_size
+    gap = distance_transform_edt(~look(result.ground)[1]) * result.ground.cell_size
     rows, columns = np.indices(gap.shape)
     cells = np.column_stack([columns.ravel(), rows.ravel()])
-    places = result.origin + (cells + 0.5) * result.cell_size
-    found = ground_at(result, places, max_gap)
+    places = result.ground.origin + (cells + 0.5) * result.ground.cell_size
+    found = result.ground.at(places, max_gap)
     assert (gap > 14.0).any()
     np.testing.assert_array_equal(np.isfinite(found), gap.ravel() <= max_gap)
 
 
 def test_ground_is_unknown_at_a_place_that_is_no_number():
     result = extract_high(make_ground((0, 0), (20, 20)), SETTINGS)
-    found = ground_at(result, np.array([[np.nan, 3.0], [3.0, np.inf], [3.0, 3.0], [-9.0, 3.0]]))
+    found = result.ground.at(np.array([[np.nan, 3.0], [3.0, np.inf], [3.0, 3.0], [-9.0, 3.0]]))
     assert np.isfinite(found).tolist() == [False, False, True, True]
 
 
@@ -180,7 +185,7 @@ def test_translation_moves_the_ground_along(shift):
     points = np.vstack([make_ground((0, 0), (30, 30)), make_tree(15.0, 15.0, 9.0)])
     one, other = extract_high(points, SETTINGS), extract_high(points + shift, SETTINGS)
     np.testing.assert_allclose(other.height, one.height, atol=2e-3)
-    np.testing.assert_allclose(other.origin, one.origin + shift[:2], atol=1e-6)
+    np.testing.assert_allclose(other.ground.origin, one.ground.origin + shift[:2], atol=1e-6)
 
 
 def test_yaw_hardly_matters():
@@ -226,7 +231,7 @@ def test_ground_that_was_not_seen_does_not_rise_to_the_wire_above_it():
     assert not result.high[own].all()  # what is to be mended
     mended = revise_ground(points, result, curves, SETTINGS)
     assert mended.high[own].all()
-    np.testing.assert_allclose(ground_at(mended, points[own, :2]), 0.0, atol=0.2)
+    np.testing.assert_allclose(mended.ground.at(points[own, :2]), 0.0, atol=0.2)
     assert revise_ground(points, mended, curves, SETTINGS) is mended
 
 
@@ -237,15 +242,7 @@ def test_ground_that_is_near_a_conductor_stays():
     result = extract_high(points, SETTINGS)
     mended = revise_ground(points, result, [make_curve(wire)], SETTINGS)
     assert mended is not result
-    np.testing.assert_allclose(mended.ground, 0.0, atol=0.15)
-
-
-def test_the_cells_of_a_part_are_as_small_as_those_of_the_whole():
-    """Where a single cloud as wide takes coarser ones."""
-    corners = np.array([[0.0, 0.0, 0.0], [4500.0, 4500.0, 0.0]])
-    assert extract_high(corners, SETTINGS).cell_size > SETTINGS.cell_size
-    part = measure_surface(corners, SETTINGS, region=corners)
-    assert part.cell_size == SETTINGS.cell_size
+    np.testing.assert_allclose(look(mended.ground)[0], 0.0, atol=0.15)
 
 
 def test_heights_in_a_part_are_those_in_the_whole_to_the_bit():
