@@ -274,8 +274,6 @@ def _without_interrupts() -> Iterator[None]:
 
 
 def _connect(scheduler: str, memory: float | None, timeout: float) -> Iterator[Engine]:
-    from distributed import Client
-
     is_file = os.path.isfile(scheduler)
     if not is_file and ':' not in scheduler:
         raise DataError(
@@ -284,12 +282,34 @@ def _connect(scheduler: str, memory: float | None, timeout: float) -> Iterator[E
         )
     named = {'scheduler_file' if is_file else 'address': scheduler}
     try:
-        client = Client(**named, timeout=timeout)  # type: ignore[no-untyped-call]
+        try:
+            client = _open_client(named, timeout)
+        except AssertionError:  # other news came with the greeting, which Dask does not expect
+            client = _open_client(named, timeout)
     except Exception as error:  # also of a file that holds no address, or of TLS without keys
         text = make_one_line(error) or type(error).__name__
         raise DataError(f'no Dask scheduler answers at {scheduler}: {text}') from error
     with client:
         yield DaskEngine(client, memory)
+
+
+def _open_client(named: dict[str, str], timeout: float) -> Any:
+    """
+    Connect a client; one that fails is closed.
+
+    Else it would be closed when it is collected, which may be while another one is being started:
+    they would wait for one lock for ever.
+    """
+    from distributed import Client
+
+    client = Client.__new__(Client)
+    try:
+        client.__init__(**named, timeout=timeout)  # type: ignore[misc, no-untyped-call]
+    except BaseException:
+        with suppress(Exception):
+            client.close()  # type: ignore[no-untyped-call]
+        raise
+    return client
 
 
 def measure_available() -> float:

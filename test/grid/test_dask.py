@@ -29,7 +29,7 @@ from plc_inspect.grid import engine
 from plc_inspect.grid.engine import make_environment, open_engine, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
 
-pytest.importorskip('distributed')
+distributed = pytest.importorskip('distributed')
 MEMORY = 2e9
 
 
@@ -199,6 +199,24 @@ def test_a_scheduler_without_workers_is_one_clear_error(tmp_path, monkeypatch):
         DataError, match=r'the scheduler at tcp://127\.0\.0\.1:\d+ has no workers'
     ), open_engine(1, str(named), MEMORY, timeout=DEADLINE):
         pass
+
+
+def test_a_greeting_that_dask_does_not_understand_is_asked_for_again(tmp_path, monkeypatch):
+    """Where a worker comes or goes in that moment, more than the greeting is sent."""
+    tries = []
+
+    def start(self, **options):
+        tries.append(self.status)
+        real(self, **options)
+        if len(tries) == 1:
+            raise AssertionError
+
+    real = distributed.Client.start
+    with start_cluster(tmp_path, num_workers=1) as (named, _):
+        monkeypatch.setattr(distributed.Client, 'start', start)
+        with open_engine(1, str(named), MEMORY, timeout=DEADLINE) as found:
+            assert found.num_workers == 1
+    assert len(tries) == 2
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path):
