@@ -17,7 +17,7 @@ from plc_inspect.core.evidence.judge import SIDE
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.ground_grid import GroundGrid
-from plc_inspect.core.extraction.ground_surface import measure_surface
+from plc_inspect.core.extraction.ground_surface import measure_surface, Surface
 from plc_inspect.core.extraction.height import extract_high, HeightResult
 from plc_inspect.core.extraction.linearity import (
     anchor,
@@ -35,7 +35,7 @@ from plc_inspect.core.spans.route import EAST, trace_routes
 from plc_inspect.core.spans.service_drops import add_taps
 from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans, tell_evidence
 from plc_inspect.core.spans.standing_poles import find_poles
-from plc_inspect.core.stage_log import StageLog
+from plc_inspect.core.stage_log import StageLog, StageMemory
 from plc_inspect.core.stage_reports import (
     report_alignment,
     report_catenary,
@@ -223,13 +223,23 @@ def _find_once(
     )
 
 
+def keep_surface(memory: StageMemory, surface: Surface, settings: Settings) -> None:
+    """Keep a surface that is known already, so that `find_lines` does not measure it."""
+    memory.keep('surface', _list_ground(settings), (surface,))
+
+
+def _list_ground(settings: Settings) -> tuple[float, float]:
+    """Return the settings that the surface depends on."""
+    return settings.height.cell_size, settings.height.max_slope_deg
+
+
 def _measure_height(
     points: Float64, settings: Settings, log: StageLog, whole: Whole | None
 ) -> HeightResult:
     """Return the heights above the lowest points."""
     region, peak, _, _ = unpack(whole)
     surface = log.recall(
-        'surface', (settings.height.cell_size, settings.height.max_slope_deg),
+        'surface', _list_ground(settings),
         lambda: measure_surface(points, settings.height, region=region),
     )
     return extract_high(points, settings.height, surface=surface, peak=peak)

@@ -13,18 +13,19 @@ from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
 from plc_inspect.core.evidence.roof_rows import are_roof_rows
 from plc_inspect.core.extraction.dust import find_dust, find_lone
+from plc_inspect.core.extraction.ground_surface import Surface
 from plc_inspect.core.extraction.stray_points import leave_out_strays
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.hazards.hazards import (
-    add_ground_clearance,
     choose_rules,
+    add_ground_clearance,
     find_hazards,
     HazardResult,
 )
 from plc_inspect.core.hazards.line_parts import DoubtfulCurves, POLE_REACH
 from plc_inspect.core.labels import choose_surroundings, label, Labels
-from plc_inspect.core.line_finder import find_lines, FoundLines
+from plc_inspect.core.line_finder import find_lines, FoundLines, keep_surface
 from plc_inspect.core.numerics.arrays import take_rows
 from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
@@ -85,7 +86,8 @@ class Pipeline:
         return frame.leave_result(trace.result, trace.offending)
 
     def run_part(
-        self, points: Float64, number: Int64, whole: Whole, progress: Progress | None = None
+        self, points: Float64, number: Int64, whole: Whole, progress: Progress | None = None,
+        surface: Surface | None = None,
     ) -> InspectionResult:
         """
         Find what `run` does, in a part of a cloud, as it is in the whole.
@@ -100,6 +102,8 @@ class Pipeline:
             What is known of it.
         progress : callable or None
             As for `run`.
+        surface : Surface or None
+            The ground below these points in the frame of the whole, where it is known already.
 
         Returns
         -------
@@ -111,7 +115,10 @@ class Pipeline:
         frame = whole.frame
         own = frame.enter(_check(points))
         probes = np.flatnonzero(number % whole.probe_step == 0)
-        trace = self._trace(own, StageLog(progress), frame.east, whole, probes)
+        memory = StageMemory(room=1)
+        if surface is not None:
+            keep_surface(memory, surface, self.settings)
+        trace = self._trace(own, StageLog(progress, memory), frame.east, whole, probes)
         return frame.leave_result(trace.result, trace.offending)
 
     def trace(

@@ -29,7 +29,8 @@ from plc_inspect.grid.run import (
     renumber,
     Tell,
 )
-from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.grid.tiles.survey_whole import remove_kept
+from plc_inspect.grid.tiles.tile_job import TileJob, TILES
 from plc_inspect.grid.whole_values import know_whole
 from plc_inspect.offline.records.changes import check_systems, is_same_system, Survey
 from plc_inspect.offline.records.georeference import require_horizontal
@@ -149,6 +150,7 @@ def inspect_sources(
         memory = estimate_memory(jobs) / 1e9
         run.tell(f'memory: {memory:.1f} GB for the largest of', 0, len(jobs), 0)
         answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
+        remove_kept(run.work / TILES)
     notes = [
         *(source.note for source in sources if source.note), *cut.notes, *find_twins(held),
         *question_times(held), *describe_cut(answers.values()),

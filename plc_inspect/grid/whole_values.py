@@ -55,6 +55,7 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     key = make_key(__version__, stages, asdict(cut.grid), cut.crs, cut.units)
     known = run.ledger.find_fact('whole')
     if known is not None and known['key'] == key:
+        remove_kept(run.work / TILES)  # inputs may have changed since
         return parse_whole(json.dumps(known['whole']))
     frame = derive_frame(cut.reference, cut.moments)
     if cut.strays:
@@ -63,7 +64,6 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     found = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
     whole = replace(found, probe_step=min(choose_step(cut.num_points), MOST_STEP))
     if len(run.failures) == num_failures:  # else the next run measures what is missing
-        remove_kept(run.work / TILES)
         run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
     return whole
 
@@ -98,7 +98,7 @@ def _measure_whole(
             yield Task(name=job.tile.name, size=job.tile.num_points, function=function,
                        arguments=(job, *more))
 
-    extent = [(job.tile.first, job.tile.last) for job in jobs]
+    extent = [(job.tile.first, job.tile.last, job.tile.halo) for job in jobs]
     region = join_bounds(ask('bounds', for_each(measure_bounds, frame), extent))
     extremes = join_extremes(ask(
         'ground', for_each(measure_ground, frame, region, settings.height), extent,

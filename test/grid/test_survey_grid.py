@@ -29,12 +29,13 @@ from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
 from plc_inspect.errors import DataError
 from plc_inspect.grid import run as grid_run
-from plc_inspect.grid import whole_values
+from plc_inspect.grid import survey_grid, whole_values
 from plc_inspect.grid.cells import cut
 from plc_inspect.grid.cells.room import open_room
 from plc_inspect.grid.engine import call, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
-from plc_inspect.grid.tiles.survey_whole import measure_candidates, measure_ground
+from plc_inspect.grid.tiles import tile_run
+from plc_inspect.grid.tiles.survey_whole import load_surface, measure_candidates, measure_ground
 from plc_inspect.grid.tiles.tile_run import inspect_tile
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
@@ -227,6 +228,43 @@ def test_values_of_the_whole_are_measured_to_the_end(step, cloud, tmp_path, monk
     runs = [json.loads((tmp_path / name / 'run.json').read_text()) for name in ('whole', 'out')]
     assert runs[0]['whole'] == runs[1]['whole']
     assert not list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
+
+
+@pytest.mark.parametrize('change', [{'halo': 190.0}, {}])
+def test_ground_that_a_stopped_run_left_is_that_of_its_halo_and_inputs(
+    change, cloud, tmp_path, monkeypatch
+):
+    cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(survey_grid, 'inspect_tiles', stop)
+        with pytest.raises(KeyboardInterrupt):
+            inspect(tmp_path / 'out', [cloud], **cut)
+    assert list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
+    inspect(tmp_path / 'whole', [cloud], **cut | change)
+    summary, _ = inspect(tmp_path / 'out', [cloud], **cut | change)
+    assert summary.failures == ()
+    np.testing.assert_array_equal(collect(tmp_path / 'out'), collect(tmp_path / 'whole'))
+    assert not list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
+
+
+def test_tiles_take_the_ground_that_was_measured_with_the_whole(cloud, tmp_path, monkeypatch):
+    cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
+    loaded = []
+
+    def load(job):
+        loaded.append(job.tile.name)
+        return load_surface(job)
+
+    monkeypatch.setattr(tile_run, 'load_surface', load)
+    inspect(tmp_path / 'kept', [cloud], **cut)
+    assert len(loaded) > 1
+    monkeypatch.setattr(tile_run, 'load_surface', lambda job: None)
+    inspect(tmp_path / 'anew', [cloud], **cut)
+    np.testing.assert_array_equal(collect(tmp_path / 'kept'), collect(tmp_path / 'anew'))
 
 
 @pytest.mark.parametrize('gone', ['work', 'work/cells/s000000_0000', 'coverage', 'labels'])

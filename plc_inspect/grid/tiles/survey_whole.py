@@ -4,6 +4,7 @@
 """Measure the whole grid tile by tile: the tasks, and how their answers are combined."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 import math
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HeightSettings, Settings
 from plc_inspect.core.cloud_frame import CloudFrame
-from plc_inspect.core.extraction.ground_grid import make_unknown
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.ground_surface import bounds, measure_surface, Surface
 from plc_inspect.core.extraction.height import (
     count_heights,
@@ -26,14 +27,13 @@ from plc_inspect.core.extraction.off_ground import gather_off_ground
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.results import Float64
 
-CONTEXT = 200.0
+REACH = 200.0
 """
-Halo around a tile for the ground and the candidates [m].
-Source: derived: gaps of the ground grid of up to 64 cells are filled from the block of 64 that
-they lie in and those about it; 130 m gave other heights.
+Distance within which neighbours of candidates are searched at first [m].
+Source: judgement; it is doubled for those that have too few.
 """
 HEIGHTS, CANDIDATES, BOXES = '.heights.npz', '.candidates.npy', 'candidates.npz'
-"""Suffixes of the files of heights and candidates, and file of their bounds in all tiles."""
+"""Suffixes of the files of the ground and candidates, and file of their bounds in all tiles."""
 MOST_CANDIDATES = 2_000_000
 """
 Candidates among which neighbours are searched at once, somewhat more where they are dense.
@@ -63,7 +63,7 @@ def measure_ground(
     job: TileJob, frame: CloudFrame, region: Float64, settings: HeightSettings
 ) -> Answer:
     """
-    Measure the heights of a tile's points and store them with the tile.
+    Measure the ground of a tile and its first halo, and store it with the tile.
 
     Parameters
     ----------
@@ -82,13 +82,15 @@ def measure_ground(
         ``extremes``, least and greatest height [m], infinite where there is none.
 
     """
-    found = job.read(CONTEXT)
+    found = job.read(job.tile.halo)
     surface = measure_surface(frame.enter(found.points), settings, region=region)
+    ground = surface.ground
     known = surface.height[found.core & np.isfinite(surface.height)]
     with job.publish(HEIGHTS) as aside:
         np.savez(
             aside, height=surface.height, core=np.packbits(found.core),
             extremes=surface.extremes, num_finite=surface.num_finite,
+            **{f'ground_{item.name}': getattr(ground, item.name) for item in fields(ground)},
         )
     return {
         'extremes': [float(known.min(initial=math.inf)), float(known.max(initial=-math.inf))],
@@ -106,12 +108,18 @@ def count_tile(
     return {'counts': count_heights(height[is_core], edges).tolist()}
 
 
-def _load_surface(place: Path) -> Surface:
-    """Return the surface stored with a tile, without the ground itself."""
-    with np.load(f'{place}{HEIGHTS}') as kept:
+def load_surface(job: TileJob) -> Surface:
+    """Return what `measure_ground` stored with a tile; OSError if it is there no more."""
+    with np.load(f'{job.place}{HEIGHTS}') as kept:
+        rows, columns = kept['ground_shape'].tolist()
         return Surface(
             height=kept['height'], extremes=kept['extremes'], num_finite=int(kept['num_finite']),
-            ground=make_unknown(),
+            ground=GroundGrid(
+                origin=kept['ground_origin'], cell_size=float(kept['ground_cell_size']),
+                shape=(rows, columns), table=kept['ground_table'],
+                shift=int(kept['ground_shift']), height=kept['ground_height'],
+                seen=kept['ground_seen'],
+            ),
         )
 
 
@@ -160,9 +168,9 @@ def measure_candidates(
         ``low``, least x and y of the points off the ground [m].
 
     """
-    found = job.read(CONTEXT)
+    found = job.read(job.tile.halo)
     points = frame.enter(found.points)
-    height = extract_high(points, settings.height, surface=_load_surface(job.place), peak=peak)
+    height = extract_high(points, settings.height, surface=load_surface(job), peak=peak)
     cloud = gather_off_ground(points, height, settings.height.beta / 2, region[0, :2])
     own = cloud.points[found.core[cloud.place], :2]
     linearity = settings.linearity
@@ -220,7 +228,7 @@ def measure_distances(folder: str, name: str, num_neighbors: int) -> Answer:
     apart = np.hypot(*gaps.T)
     places = np.load(Path(folder) / f'{name}{CANDIDATES}')
     spacing = np.zeros(len(places))
-    rest, reach = np.arange(len(places)), CONTEXT
+    rest, reach = np.arange(len(places)), REACH
     while len(rest):
         near = np.flatnonzero(apart <= reach)
         is_last = len(near) == len(names) or int(counts[near].sum()) > MOST_CANDIDATES
@@ -286,7 +294,7 @@ def join_spacing(
 
 
 def remove_kept(folder: Path) -> None:
-    """Remove heights and candidates beside all tiles."""
+    """Remove ground and candidates beside all tiles."""
     for pattern in (f'*{HEIGHTS}', f'*{CANDIDATES}', BOXES):
         for path in folder.glob(pattern):
             path.unlink()

@@ -10,6 +10,7 @@ what hangs beyond the latter, as that decides where they end, and they where the
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 import time
 from typing import Any
@@ -23,6 +24,7 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.whole import Whole
 from plc_inspect.grid.cells.layout import BASE_BYTES, BYTES_PER_POINT, WIDEN
 from plc_inspect.grid.tiles.plain_results import is_within, write_found
+from plc_inspect.grid.tiles.survey_whole import load_surface
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.export.files import measure_peak_memory
 from plc_inspect.offline.records.inspection import measure_clearances
@@ -102,7 +104,11 @@ def inspect_tile(
         found = job.read(halo)
         looks += 1
         outer = job.tile.rectangle(job.grid, halo)
-        result = pipeline.run_part(found.points, found.number, whole)
+        surface = None
+        if looks == 1:
+            with suppress(OSError):  # of an earlier run
+                surface = load_surface(job)
+        result = pipeline.run_part(found.points, found.number, whole, surface=surface)
         num_points = len(found.points)
         look = _judge(result, found.core, job.tile.rectangle(job.grid), outer, bound)
         wider = find_wider(halo, num_points, most_points)
