@@ -102,6 +102,10 @@ def catenary_heights(
     return heights
 
 
+NO_STRANDS: Float64 = np.zeros((1, 2))
+"""(1, 2) place of the one conductor where there is no bundle [m]."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Span:
     """
@@ -144,6 +148,11 @@ class Span:
     """Least height of the curve above ground [m], NaN unknown."""
     ground_along: float = math.nan
     """Horizontal distance from the start to where that is [m], NaN unknown."""
+    strands: Float64 = field(default_factory=lambda: NO_STRANDS)
+    """
+    (S, 2) places of its sub-conductors to the left of the way from start to end and above the
+    curve [m]; one at 0, 0 where there is no bundle, or they cannot be told apart.
+    """
     evidence: float = math.nan
     """
     Evidence that it is a conductor [m], NaN unknown; a span that continues no other needs

@@ -19,7 +19,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.hazards.hazards import (
     choose_rules,
-    add_ground_clearance,
+    complete_spans,
     find_hazards,
     HazardResult,
 )
@@ -169,7 +169,7 @@ class Pipeline:
             lambda result: report_hazards(result[0], len(nearby.index), self.rules),
         )
         result = InspectionResult(
-            spans=add_ground_clearance(spans.models, found.ground_below),
+            spans=complete_spans(found.models, found.ground_below),
             supports=spans.supports,
             hazards=found.hazards,
             line_id=spans.line_id,

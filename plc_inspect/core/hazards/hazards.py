@@ -43,6 +43,8 @@ class HazardResult:
     """(K, 3) offending points of each, or the place of a conductor [m]."""
     foliage: Bool
     """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
+    models: tuple[SpanModel, ...]
+    """The spans with their sub-conductors."""
     num_unmodelled: int
     """Wires near conductors that were not modelled."""
     ground_below: tuple[Float64, ...]
@@ -160,16 +162,17 @@ def find_hazards(
         ),
         offending=offending,
         foliage=free & ~surface,
+        models=models,
         num_unmodelled=parts.num_wires,
         ground_below=ground_below,
     )
 
 
-def add_ground_clearance(
+def complete_spans(
     models: Sequence[SpanModel], ground_below: Sequence[Float64]
 ) -> tuple[Span, ...]:
     """
-    Return the spans with their least height above seen ground and its place along the span.
+    Return the spans with their sub-conductors, least height above seen ground and its place.
 
     Parameters
     ----------
@@ -185,7 +188,9 @@ def add_ground_clearance(
     """
     result = []
     for model, stations in zip(models, ground_below, strict=True):
-        span, stations = model.span, keep_seen(model, stations)
+        way = 1.0 if model.start_x <= model.end_x else -1.0
+        span = dataclasses.replace(model.span, strands=model.strands * (way, 1.0))
+        stations = keep_seen(model, stations)
         if len(stations):
             along, clearance = stations[int(np.argmin(stations[:, 1])), :2].tolist()
             span = dataclasses.replace(span, ground_clearance=clearance, ground_along=along)

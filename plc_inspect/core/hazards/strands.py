@@ -16,9 +16,9 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.spans.span_model import NO_STRANDS, SpanModel
+from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
-from plc_inspect.results import Float64, Int32, Int64, Span
+from plc_inspect.results import Float64, Int32, Int64, NO_STRANDS, Span
 
 MOST_STRANDS = 4
 """

@@ -149,9 +149,10 @@ def _find_conductor(
     if not around.spans:
         return None
     number, x, distance, closest, closest_in = _approach_curves(around.courses, position, way)
-    span, row = around.spans[number], around.courses[number]
+    span, row = around.spans[around.owner[number]], around.courses[number]
     beyond = max(-x, x - span.length, 0.0)
-    place = np.array([*(row[0:2] + x * row[2:4]), float(span.heights(np.array([x]))[0])])
+    z = row[6] + row[8] * math.cosh((x - row[7]) / row[8])
+    place = np.array([*(row[0:2] + x * row[2:4]), z])
     return {
         'distance': distance, 'position': place, 'closest': closest, 'closest_in': closest_in,
         'sigma': find_sigma(span, beyond), 'line_id': span.line_id, 'span_id': span.span_id,

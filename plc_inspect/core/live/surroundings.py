@@ -65,7 +65,11 @@ class Surroundings:
     spans: tuple[Span, ...] = ()
     """Also those that are not confirmed yet."""
     courses: Float64 = field(default_factory=lambda: np.empty((0, COURSE)))
-    """(S, COURSE) of each span: start x, y; unit vector x, y; ends of x; a, b, c [m]."""
+    """
+    (C, COURSE) of each sub-conductor: start x, y; unit vector x, y; ends of x; a, b, c [m].
+    """
+    owner: Int64 = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(C,) the span of each of these."""
     supports: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """(K, 3) points of towers and poles, map frame [m]."""
     obstacles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
@@ -130,8 +134,14 @@ class Surroundings:
 
 def surround(spans: Sequence[Span], obstacles: Float64) -> Surroundings:
     """Return surroundings of spans and (K, 3) obstacles [m], nothing of it settled."""
-    courses = np.array([_describe(span) for span in spans]).reshape(-1, COURSE)
-    return Surroundings(spans=tuple(spans), courses=courses, obstacles=obstacles)
+    owner = np.repeat(np.arange(len(spans)), [len(span.strands) for span in spans])
+    courses = np.array([_describe(span) for span in spans]).reshape(-1, COURSE)[owner]
+    if len(owner):
+        left, above = np.vstack([span.strands for span in spans]).T
+        courses[:, 0] -= left * courses[:, 3]
+        courses[:, 1] += left * courses[:, 2]
+        courses[:, 6] += above
+    return Surroundings(spans=tuple(spans), courses=courses, owner=owner, obstacles=obstacles)
 
 
 class SurroundingsBook:

@@ -16,7 +16,6 @@ from plc_inspect.core.labels import GROUND_BAND
 from plc_inspect.core.loads.approach import Approach, MovedSpan
 from plc_inspect.core.loads.sag_tension import State
 from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
-from plc_inspect.core.spans.span_model import NO_STRANDS
 from plc_inspect.results import (
     Bool,
     Float64,
@@ -25,6 +24,7 @@ from plc_inspect.results import (
     InspectionResult,
     Int32,
     Int64,
+    NO_STRANDS,
     PointClass,
     Span,
 )

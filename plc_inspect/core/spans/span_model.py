@@ -13,7 +13,7 @@ from plc_inspect.core.catenary.catenary import fit_quadratic
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import span_table
 from plc_inspect.core.spans.span_fit import CutCurve
-from plc_inspect.results import Float64, Int64, Span, Support
+from plc_inspect.results import Float64, Int64, NO_STRANDS, Span, Support
 
 POINT_SIGMA = 0.03
 """
@@ -42,8 +42,6 @@ NEIGHBOR_REACH = 10.0
 A support that is known to carry other lines only may hold an end within this of it [m].
 Source: judgement; not measured.
 """
-NO_STRANDS: Float64 = np.zeros((1, 2))
-"""(1, 2) place of the one conductor where there is no bundle [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

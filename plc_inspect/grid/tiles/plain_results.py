@@ -158,7 +158,7 @@ def read_found(place: Path, number: int) -> FoundTile:
 
 
 def _make_span(item: dict[str, Any]) -> Span:
-    places = {name: np.array(item[name]) for name in ('start', 'end', 'lowest')}
+    places = {name: np.array(item[name]) for name in ('start', 'end', 'lowest', 'strands')}
     a2, a1, a0 = item['quadratic']
     return Span(**item | places | {'quadratic': (a2, a1, a0)})
 

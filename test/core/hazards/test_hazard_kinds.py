@@ -13,7 +13,7 @@ from toys import make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import parse_rules, plain_rules
-from plc_inspect.core.hazards.hazards import add_ground_clearance, find_hazards
+from plc_inspect.core.hazards.hazards import complete_spans, find_hazards
 from plc_inspect.core.hazards.low_conductors import find_low_conductors, GROUND_SIGMA
 from plc_inspect.core.spans.span_model import find_support
 from plc_inspect.errors import ConfigError
@@ -253,10 +253,10 @@ def test_ground_is_told_once_a_span_at_its_lowest_place():
     assert hazard['line_id'] == 1
     assert hazard['clearance'] == hazard['vertical'] == pytest.approx(4.1)
     assert hazard['position'][0] == pytest.approx(50.0, abs=0.1)
-    spans = add_ground_clearance(models, ground)
+    spans = complete_spans(models, ground)
     assert [span.ground_clearance for span in spans] == pytest.approx([4.3, 4.1, 4.2])
     assert [span.ground_along for span in spans] == [50.0] * 3
-    unknown = add_ground_clearance(models, [np.zeros((0, 2))] * 3)
+    unknown = complete_spans(models, [np.zeros((0, 2))] * 3)
     assert all(math.isnan(span.ground_clearance) for span in unknown)
 
 
@@ -267,9 +267,26 @@ def test_spans_hang_above_the_ground_that_hazards_are_judged_by():
         [28.0, 9.0, 0.05], [30.0, 1.5, 0.05], [32.0, 9.0, 0.05], [50.0, 4.2, 0.05],
     ])]
     (hazard,) = find_low_conductors(models, ground, make_supports(), plain_rules(HazardSettings()))
-    (span,) = add_ground_clearance(models, ground)
+    (span,) = complete_spans(models, ground)
     assert span.ground_clearance == hazard['clearance'] == pytest.approx(4.2)
     assert span.ground_along == hazard['along_span'] == 50.0
+
+
+@pytest.mark.parametrize('turned', [False, True])
+def test_spans_tell_their_conductors_to_the_left_of_their_way(turned):
+    (model,) = three_lines()[:1]
+    model = dataclasses.replace(model, strands=np.array([[0.3, 0.1], [-0.3, 0.0]]))
+    if turned:
+        span = dataclasses.replace(model.span, start=model.span.end, end=model.span.start)
+        model = dataclasses.replace(model, span=span, start_x=model.end_x, end_x=model.start_x)
+    (span,) = complete_spans([model], [np.zeros((0, 2))])
+    way = (span.end - span.start)[:2] / span.length
+    middle = model.curve.position(np.array([(model.low + model.high) / 2.0]))
+    (first,), (second,) = model.strand_positions(np.array([(model.low + model.high) / 2.0]))
+    left = np.array([-way[1], way[0]])
+    for place, (across, above) in zip((first, second), span.strands, strict=True):
+        assert (place - middle[0])[:2] @ left == pytest.approx(across)
+        assert (place - middle[0])[2] == pytest.approx(above)
 
 
 @pytest.mark.parametrize(('gap', 'is_found'), [(1.8, True), (2.2, False)])

@@ -3,6 +3,7 @@
 
 """How near the vehicle is to what is known, and that nothing unseen is called clear."""
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 
@@ -187,6 +188,24 @@ def test_a_conductor_goes_on_beyond_an_open_end_only():
         assert beyond == pytest.approx(MOST_EXTENSION) or (
             find_sigma(flat, beyond) == pytest.approx(MOST_SIGMA, rel=0.05)
         )
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_a_bundle_is_as_near_as_its_nearest_conductor(side):
+    strands = np.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.25]])
+    span = replace(make_span((0.0, 0.0, 20.0), (80.0, 0.0, 20.0)), strands=strands)
+    x = np.linspace(0.0, 80.0, 80_001)
+    places = [
+        np.column_stack([x, np.full(len(x), left), span.heights(x) + above])
+        for left, above in strands
+    ]
+    vehicle = np.array([33.0, side * 6.0, 17.0])
+    found = look(make_around([span]), vehicle)[Thing.CONDUCTOR]
+    apart = [np.linalg.norm(own - vehicle, axis=1).min() for own in places]
+    assert found.distance == pytest.approx(min(apart), abs=1e-3)
+    nearest = places[int(np.argmin(apart))]
+    assert np.linalg.norm(nearest - found.position, axis=1).min() < 1e-3
+    assert (found.line_id, found.span_id) == (span.line_id, span.span_id)
 
 
 def test_the_way_to_a_pole_and_a_tree():
