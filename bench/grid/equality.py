@@ -30,7 +30,6 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary import nearest_span
 from plc_inspect.core.numerics import plan_index
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.grid.cells import layout
@@ -269,8 +268,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--memory', type=float, default=5.0, help='[GB]')
     parser.add_argument('--cache', type=Path, help='folder for surveys')
     arguments = parser.parse_args(argv)
-    for module in (nearest_span, plan_index):
-        module.MAX_CELLS = MOST_CELLS
+    plan_index.MAX_CELLS = MOST_CELLS
     layout.MOST_POINTS = sys.maxsize
     rng = np.random.default_rng(arguments.seed)
     rows, good = [], True

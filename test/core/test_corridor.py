@@ -9,7 +9,9 @@ from scipy.spatial import cKDTree
 from toys import hang, make_curve, make_wire, turn
 
 from plc_inspect.config import CorridorSettings
-from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.catenary.curve import span_table
+from plc_inspect.core.catenary.curve_row import ORIGIN_X, ORIGIN_Y
+from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.corridor import extract_corridor
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.errors import ConfigError
@@ -92,6 +94,28 @@ def test_distances_depend_neither_on_order_nor_on_company():
     np.testing.assert_array_equal(order[found][back], whole[0])
     np.testing.assert_array_equal(distance[back], whole[1])
     np.testing.assert_array_equal(span[back], whole[2])
+
+
+@pytest.mark.parametrize('away', [(6e3, 5e3), (90e3, 80e3), (-400e3, 9e3)])
+def test_distances_do_not_depend_on_spans_far_away(away):
+    """In cells wider than usual a slack span would be no parabola."""
+    curves = [
+        make_curve(make_wire((0.0, y, 9.0), (45.0, y + 3.0, 8.0 - y), c=60.0, noise=0.0))
+        for y in (0.0, 1.5, 3.0)
+    ]
+    table = tabulate(curves)
+    points = sample(curves, step=0.05)[0]
+    points += np.random.default_rng(7).normal(0.0, 3.0, points.shape)
+    points[5] = np.nan
+    found, distance, span = find_near(points, table, 6.0)
+    both = np.repeat(table, 2, axis=0)  # the numbers of both sites alternate
+    both[1::2, ORIGIN_X : ORIGIN_Y + 1] += away
+    others = points + np.array([*away, 0.0])
+    place, apart, which = find_near(np.vstack([points, others]), both, 6.0)
+    np.testing.assert_array_equal(place, np.concatenate([found, found + len(points)]))
+    np.testing.assert_allclose(apart, np.tile(distance, 2), atol=2e-3)
+    is_same = which == np.concatenate([2 * span, 2 * span + 1])
+    assert is_same.mean() > 0.999
 
 
 def test_each_span_has_a_reach_of_its_own():

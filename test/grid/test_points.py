@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import FLAG_BITS, read_part
-from plc_inspect.grid.cells.pieces import Piece, read_points
+from plc_inspect.grid.cells.cut import ATTRIBUTES, FLAG_BITS, read_part
+from plc_inspect.grid.cells.pieces import Piece, read_attributes, read_points
 from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.results import choose_format
 from plc_inspect.grid.tiles.section_report import is_near
@@ -82,13 +82,22 @@ def test_points_near_a_section_are_those_in_its_strips():
     np.testing.assert_array_equal(is_near(strips, points), expected)
 
 
-def test_a_damaged_cell_is_told(tmp_path):
+@pytest.mark.parametrize('core', [[7, 8], [8]])
+@pytest.mark.parametrize(('num_values', 'num_keys'), [(15, 4), (15, 6), (14, 5)])
+def test_a_damaged_cell_is_told(num_values, num_keys, core, tmp_path):
     (tmp_path / 's0').mkdir()
-    np.zeros((5, 3)).tofile(tmp_path / 's0' / '7.xyz')
-    np.arange(4, dtype='<u4').tofile(tmp_path / 's0' / '7.idx')
-    piece = Piece(cell=7, part='s0', first=0)
+    for cell in (7, 8):
+        np.zeros(15).tofile(tmp_path / 's0' / f'{cell}.xyz')
+        np.arange(5, dtype='<u4').tofile(tmp_path / 's0' / f'{cell}.idx')
+        np.zeros(5, dtype=ATTRIBUTES).tofile(tmp_path / 's0' / f'{cell}.att')
+    pieces = [Piece(cell=7, part='s0', first=0), Piece(cell=8, part='s0', first=5)]
+    assert len(read_points(tmp_path, pieces, core, (-1.0, -1.0, 1.0, 1.0)).points) == 10
+    np.zeros(num_values).tofile(tmp_path / 's0' / '7.xyz')
+    np.arange(num_keys, dtype='<u4').tofile(tmp_path / 's0' / '7.idx')
     with pytest.raises(DataError, match='s0: cell 7 is damaged'):
-        read_points(tmp_path, [piece], [7], (-1.0, -1.0, 1.0, 1.0))
+        read_points(tmp_path, pieces, core, (-1.0, -1.0, 1.0, 1.0))
+    with pytest.raises(DataError, match='s0: cell 7 is damaged'):
+        read_attributes(tmp_path, pieces)
 
 
 def test_an_index_of_copc_must_lead_to_what_the_header_counts(tmp_path):

@@ -227,6 +227,28 @@ def pack_curves(curves: Sequence[Curve]) -> Float64:
     return np.array([curve.row for curve in curves], dtype=np.float64).reshape(-1, ROW)
 
 
+def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Float64:
+    """
+    Pack curves between other ends than their own for the kernels.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        C of them.
+    start_x, end_x : (C,) float64
+        x of the ends, the lesser first [m].
+
+    Returns
+    -------
+    (C, ROW) float64
+        As pack_curves, with these ends.
+
+    """
+    table = pack_curves(curves)
+    table[:, LOW], table[:, HIGH] = start_x, end_x
+    return table
+
+
 class Near(NamedTuple):
     """For each curve, which are near it: those of curve k are item[start[k] : start[k + 1]]."""
 

@@ -3,13 +3,11 @@
 
 """Search for the span that is nearest to each point."""
 
-from collections.abc import Sequence
 import math
 
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
     CURVATURE,
@@ -23,14 +21,14 @@ from plc_inspect.core.catenary.curve_row import (
     SLOPE,
     to_local,
 )
-from plc_inspect.core.numerics.arrays import NUM_PARTS
+from plc_inspect.core.numerics.arrays import find_true, NUM_PARTS, take_rows
 from plc_inspect.core.numerics.plan_index import clamp
 from plc_inspect.results import Float32, Float64, Int32, Int64
 
 CELL = 4.0
 """Edge of the plan cells that know the spans near them [m].  Source: judgement; not measured."""
 MAX_CELLS = 4_000_000
-"""Cells, at most; over a wider area they are larger.  Source: numerical: a bound of memory."""
+"""Cells, at most; spans over a wider area are parted.  Source: numerical: a bound of memory."""
 MARGIN = 2
 """
 Cells about the reach of all spans; what lies beyond is taken to the outermost, empty ones.
@@ -56,28 +54,6 @@ Source: numerical: the layout of a row.
 """
 
 
-def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Float64:
-    """
-    Pack curves between other ends than their own for the kernels.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        C of them.
-    start_x, end_x : (C,) float64
-        x of the ends, the lesser first [m].
-
-    Returns
-    -------
-    (C, ROW) float64
-        As pack_curves, with these ends.
-
-    """
-    table = pack_curves(curves)
-    table[:, LOW], table[:, HIGH] = start_x, end_x
-    return table
-
-
 def find_near(
     points: Float64, table: Float64, reach: Float64 | float
 ) -> tuple[Int64, Float32, Int32]:
@@ -101,15 +77,11 @@ def find_near(
 
     """
     reach = np.full(len(table), reach, dtype=np.float64)
-    ends = np.concatenate(
-        [
-            table[:, ORIGIN_X : ORIGIN_Y + 1] + table[:, end, None] * table[:, COS : SIN + 1]
-            for end in (LOW, HIGH)
-        ]
-    )
-    low = ends.min(axis=0) - reach.max()
-    extent = ends.max(axis=0) + reach.max() - low
+    low, high = _bounds(table, reach)
+    extent = high - low
     cell = max(CELL, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
+    if cell > CELL and len(table) > 1:
+        return _find_apart(points, table, reach)
     low -= MARGIN * cell
     columns, rows = (int(value / cell) + 1 + 2 * MARGIN for value in extent)
     start, spans = _spans_by_cell(table, reach, low, cell, rows, columns)
@@ -125,6 +97,35 @@ def find_near(
     dense = np.empty(total, dtype=np.int64), np.empty(total, np.float32), np.empty(total, np.int32)
     _close_up(num, first_of, *rough, *dense)
     return dense
+
+
+def _bounds(table: Float64, reach: Float64) -> tuple[Float64, Float64]:
+    """Return least and greatest x and y within reach of spans [m]."""
+    ends = np.concatenate([
+        table[:, ORIGIN_X : ORIGIN_Y + 1] + table[:, end, None] * table[:, COS : SIN + 1]
+        for end in (LOW, HIGH)
+    ])
+    return ends.min(axis=0) - reach.max(), ends.max(axis=0) + reach.max()
+
+
+def _find_apart(
+    points: Float64, table: Float64, reach: Float64
+) -> tuple[Int64, Float32, Int32]:
+    """Find what `find_near` does, in either half of the spans: in larger cells it is not exact."""
+    place = table[:, ORIGIN_X : ORIGIN_Y + 1]
+    order = np.argsort(place[:, np.ptp(place, axis=0).argmax()], kind='stable')
+    best = np.full(len(points), np.inf, dtype=np.float32)
+    owner = np.full(len(points), -1, dtype=np.int32)
+    for own in np.array_split(order, 2):
+        low, high = _bounds(table[own], reach[own])
+        inside = (points[:, :2] >= low) & (points[:, :2] <= high)
+        chosen = find_true(inside[:, 0] & inside[:, 1])
+        found, distance, number = find_near(take_rows(points, chosen), table[own], reach[own])
+        at, span = chosen[found], own[number].astype(np.int32)
+        nearer = (distance < best[at]) | ((distance == best[at]) & (span > owner[at]))
+        best[at[nearer]], owner[at[nearer]] = distance[nearer], span[nearer]
+    found = find_true(owner >= 0)
+    return found, best[found], owner[found]
 
 
 @njit(cache=True, nogil=True)

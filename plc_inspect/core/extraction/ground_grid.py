@@ -219,10 +219,9 @@ def lay_blocks(
 
     """
     rows, columns = (-(-num // FINE) for num in shape)
-    held = np.argwhere(_mark(points, low, 1.0 / (cell * FINE), rows, columns))
-    about = np.argwhere(np.ones((3, 3))) - 1
-    kept = (held[:, None] + about).reshape(-1, 2)
-    kept = kept[((kept >= 0) & (kept < (rows, columns))).all(axis=1)]
+    held = np.pad(_mark(points, low, 1.0 / (cell * FINE), rows, columns), 1)
+    held = held[:-2] | held[1:-1] | held[2:]
+    kept = np.argwhere(held[:, :-2] | held[:, 1:-1] | held[:, 2:])
     size = 2**SHIFT // FINE
     table = np.zeros((-(-rows // size), -(-columns // size), 5), dtype=np.int64)
     # the first and the last of the squares kept in each block

@@ -9,7 +9,7 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.numerics.arrays import take_rows
-from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.core.numerics.plan_index import build_plan_index, MAX_CELLS
 from plc_inspect.results import Bool, Float32, Float64
 
 ABOVE_LOWEST = 0.5
@@ -92,7 +92,8 @@ def find_planes(
 
 def _mark_cells(places: Float64) -> tuple[Bool, float, float, float]:
     """Return the plan cells within reach of places, their lower corner and their edge [m]."""
-    edge = REACHES[-1]
+    area = float(np.prod(np.ptp(places[:, :2], axis=0)))
+    edge = max(REACHES[-1], math.sqrt(area / MAX_CELLS))  # exact as well
     x, y = (np.floor(places[:, :2].min(axis=0) / edge) * edge - edge).tolist()
     column, row = ((places[:, :2] - (x, y)) / edge).astype(np.int64).T
     marked = np.zeros((int(row.max()) + 2, int(column.max()) + 2), dtype=bool)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.catenary.curve import Curve, span_table
+from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns, find_straight
 from plc_inspect.core.hazards.wires import (

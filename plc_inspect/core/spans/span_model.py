@@ -10,8 +10,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.catenary.catenary import fit_quadratic
-from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.nearest_span import span_table
+from plc_inspect.core.catenary.curve import Curve, span_table
 from plc_inspect.core.spans.span_fit import CutCurve
 from plc_inspect.results import Float64, Int64, NO_STRANDS, Span, Support
 

@@ -74,25 +74,22 @@ def read_points(
             inside = (x >= rectangle[0]) & (x < rectangle[2])
             inside &= (y >= rectangle[1]) & (y < rectangle[3])
         chosen.append(inside)
-    number, rank = _rank(folder, pieces, chosen)
+    number, places = _rank(folder, pieces, chosen)
     points, is_core = np.empty((len(number), 3)), np.empty(len(number), dtype=bool)
-    first = 0
-    for piece, inside in zip(pieces, chosen, strict=True):
+    for piece, inside, place in zip(pieces, chosen, places, strict=True):
         xyz = read_piece(folder, piece)
         xyz = xyz if inside is None else xyz[inside]
-        place = rank[first : first + len(xyz)]
-        if len(place) < len(xyz):
+        if len(xyz) != len(place):
             raise _damaged(folder, piece)
         put_rows(points, place, xyz)
         is_core[place] = inside is None
-        first += len(xyz)
     return Points(points=points, number=number, core=is_core)
 
 
 def _rank(
     folder: Path, pieces: Sequence[Piece], chosen: Sequence[Bool | None]
-) -> tuple[Int64, Int64]:
-    """Return the numbers of all points, ascending, and for each point its place in them."""
+) -> tuple[Int64, list[Int64]]:
+    """Return the numbers of all points, ascending, and the places in them of each piece's."""
     parts = []
     for piece, inside in zip(pieces, chosen, strict=True):
         key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64) + piece.first
@@ -105,7 +102,8 @@ def _rank(
     sequence = np.argsort(number, kind='stable')
     rank = np.empty_like(sequence)
     rank[sequence] = np.arange(len(rank))
-    return np.take(number, sequence), rank
+    ends = np.cumsum([len(key) for key in parts], dtype=np.int64)
+    return np.take(number, sequence), np.split(rank, ends)[:-1]
 
 
 def _damaged(folder: Path, piece: Piece) -> DataError:
@@ -114,24 +112,24 @@ def _damaged(folder: Path, piece: Piece) -> DataError:
 
 def read_piece(folder: Path, piece: Piece) -> Float64:
     """Return the (N, 3) points of a piece [m]."""
-    return _load(folder, piece, 'xyz', np.dtype('<f8')).reshape(-1, 3)
+    flat = _load(folder, piece, 'xyz', np.dtype('<f8'))
+    if len(flat) % 3:
+        raise _damaged(folder, piece)
+    return flat.reshape(-1, 3)
 
 
 def read_attributes(
     folder: Path, pieces: Sequence[Piece]
 ) -> tuple[Float64, np.ndarray]:
     """Return coordinates (N, 3) [m] and (N,) ATTRIBUTES of the points, in order of the inputs."""
-    number, rank = _rank(folder, pieces, [None] * len(pieces))
+    number, places = _rank(folder, pieces, [None] * len(pieces))
     points, attributes = np.empty((len(number), 3)), np.empty(len(number), dtype=ATTRIBUTES)
-    first = 0
-    for piece in pieces:
+    for piece, place in zip(pieces, places, strict=True):
         xyz, own = read_piece(folder, piece), _load(folder, piece, 'att', ATTRIBUTES)
-        place = rank[first : first + len(xyz)]
         if not len(place) == len(xyz) == len(own):
             raise _damaged(folder, piece)
         put_rows(points, place, xyz)
         put_rows(_as_bytes(attributes), place, _as_bytes(own))
-        first += len(xyz)
     return points, attributes
 
 

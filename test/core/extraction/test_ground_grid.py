@@ -3,6 +3,7 @@
 
 from itertools import pairwise
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -127,3 +128,15 @@ def test_blocks_hold_points_and_what_is_beside_them():
     assert table[9, 2].tolist() == [0, 38 * FINE, 9 * FINE, 2520 - 38 * FINE, 3 * FINE]
     assert num_kept == (2520 - 38 * FINE + 1) * (3 * FINE + 1)
     assert 2**SHIFT % FINE == 0
+
+
+def test_laying_blocks_takes_little_memory():
+    """One point in each square of 64 cells, as in a thinned cloud of a whole county."""
+    x, y = (value.ravel() for value in np.meshgrid(*[np.arange(700) * FINE + 0.5] * 2))
+    points = np.column_stack([x, y, np.zeros(len(x))])
+    tracemalloc.start()
+    _, num_kept = lay_blocks(points, np.zeros(2), 1.0, (700 * FINE, 700 * FINE))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert num_kept > (700 * FINE) ** 2
+    assert peak < 64e6
