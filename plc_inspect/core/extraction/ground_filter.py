@@ -3,6 +3,8 @@
 
 """Estimates the ground below a cloud from the lowest point of each grid cell."""
 
+from dataclasses import dataclass
+
 from numba import njit, prange
 import numpy as np
 
@@ -92,23 +94,81 @@ def estimate_ground(
         Cells in which ground was measured.
 
     """
+    found = find_surface(lowest, cell, max_slope)
+    seen = found.seen & found.is_any
+    if found.sure.any() and (seen & ~found.sure).any():
+        seen &= found.sure | ~is_raised(found.surface, fill(keep(found.surface, found.sure)))
+    return fill(keep(found.surface, seen)), seen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LowSurface:
+    """The lowest points of cells, and which of them may be ground."""
+
+    surface: Float32
+    """(rows, columns) without stray ones [m], NaN where there is none."""
+    seen: Bool
+    """(rows, columns) it lies low, with others about it."""
+    sure: Bool
+    """(rows, columns) and so many of them that it is no row of wires, if any are."""
+    is_any: bool
+    """Some square within the grid is filled as a surface fills it; else nothing is ground."""
+
+
+def find_surface(lowest: Float32, cell: float, max_slope: float) -> LowSurface:
+    """Find what may be ground among the lowest points of cells; see `estimate_ground`."""
     surface = _drop_stray_lows(lowest, cell, max_slope)
-    seen = _find_seen(surface, cell, max_slope)
-    seen &= (_is_areal(seen, SURE_SHARE, 1.0) & seen).any()  # else nothing is a surface
-    seen, sure = _is_areal(seen, AREAL_SHARE) & seen, _is_areal(seen, SURE_SHARE) & seen
-    if sure.any() and (seen & ~sure).any():
-        # drop what is thin and far above sure ground: a row of wires with nothing seen below it
-        above = surface - _fill(np.where(sure, surface, np.float32(np.nan)))
-        seen &= sure | (above < LEAST_RAISED)
-    return _fill(np.where(seen, surface, np.float32(np.nan))), seen
+    low = _find_seen(surface, cell, max_slope)
+    return LowSurface(
+        surface=surface,
+        seen=_is_areal(low, AREAL_SHARE) & low,
+        sure=_is_areal(low, SURE_SHARE) & low,
+        is_any=bool((_is_areal(low, SURE_SHARE, 1.0) & low).any()),
+    )
 
 
-def _fill(values: Float32) -> Float32:
-    """Fill NaN cells from a pyramid of means; a grid of NaN stays one."""
-    if max(values.shape) == 1 or not np.isnan(values).any():
-        return values
-    result: Float32 = _fill_from(values, _fill(_shrink(values)))
+def keep(surface: Float32, chosen: Bool) -> Float32:
+    """Return a surface without the cells that are not chosen."""
+    return np.where(chosen, surface, np.float32(np.nan))
+
+
+def is_raised(surface: Float32, sure: Float32) -> Bool:
+    """Tell what lies far above sure ground: if it is thin, a row of wires with none seen below."""
+    result: Bool = ~(surface - sure < LEAST_RAISED)
     return result
+
+
+def fill(values: Float32, levels: int = -1, base: Float32 | None = None) -> Float32:
+    """
+    Fill NaN cells from a pyramid of means; a grid of NaN stays one.
+
+    Parameters
+    ----------
+    values : (rows, columns) float32
+        [m]
+    levels : int
+        Of the pyramid, each of cells twice as large; -1 all.
+    base : (rows, columns) float32 or None
+        Values of that level's cells, filled, where the grid is a part of one [m].
+
+    Returns
+    -------
+    (rows, columns) float32
+
+    """
+    if levels == 0 and base is not None:
+        return np.where(np.isnan(values), base, values)
+    if base is None and (max(values.shape) == 1 or not np.isnan(values).any()):
+        return values
+    result: Float32 = _fill_from(values, fill(_shrink(values), levels - 1, base))
+    return result
+
+
+def shrink(values: Float32, levels: int) -> Float32:
+    """Return the means of known values in cells that are twice as large, so many times."""
+    for _ in range(levels):
+        values = _shrink(values)
+    return values
 
 
 @njit(cache=True, parallel=True, nogil=True)

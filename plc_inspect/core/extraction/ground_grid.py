@@ -39,8 +39,7 @@ Source: numerical: the table of blocks takes 10 MB; cells of 1 m within a square
 SHIFT = 8
 """
 A block has at most 2**SHIFT cells on a side.
-Source: derived: with what is looked at about it, less than the halo of a tile of a grid, so that
-nothing beyond that halo changes the ground in the tile.
+Source: judgement: a corridor fills blocks of this size well.
 """
 WHOLE = 31
 """The same where one block has all cells.  Source: derived: places of cells are below 2**31."""
@@ -91,30 +90,31 @@ class GroundGrid:
         size = (rows + 1) * (columns + 1)
         return values[first : first + size].reshape(rows + 1, columns + 1)
 
-    def cut(self, low: Sequence[int], high: Sequence[int]) -> Float32:
-        """
-        Cut out the heights of the cells from a row and column to others.
+    def list_around(self, context: int) -> list['Around']:
+        """Return each block that is kept with so many cells about it, within the bounds."""
+        result = []
+        for number in np.argwhere(self.table[:, :, ROWS] > 0).tolist():
+            (row, column), (rows, columns) = self.place(number)
+            low = max(row - context, 0), max(column - context, 0)
+            high = (min(row + rows + context, self.shape[0]),
+                    min(column + columns + context, self.shape[1]))
+            result.append(Around(
+                number=(number[0], number[1]), low=low, high=high,
+                corner=(row - low[0], column - low[1]),
+            ))
+        return result
 
-        Parameters
-        ----------
-        low, high : (2,) int
-            First row and column, and those behind the last; none beyond the grid's are returned.
-
-        Returns
-        -------
-        (rows, columns) float32
-            [m]; NaN where none are kept.
-
-        """
-        (r0, c0), (r1, c1) = low, (min(high[0], self.shape[0]), min(high[1], self.shape[1]))
-        result = np.full((r1 - r0, c1 - c0), np.nan, dtype=np.float32)
+    def cut(self, values: NDArray[Any], around: 'Around') -> NDArray[Any]:
+        """Return the (rows, columns) values in and about a block; NaN where none are kept."""
+        (r0, c0), (r1, c1) = around.low, around.high
+        result = np.full((r1 - r0, c1 - c0), np.nan, dtype=values.dtype)
         for row in range(r0 >> self.shift, ((r1 - 1) >> self.shift) + 1):
             for column in range(c0 >> self.shift, ((c1 - 1) >> self.shift) + 1):
                 (r, c), (rows, columns) = self.place((row, column))
                 lower, upper = max(r, r0), min(r + rows, r1)
                 left, right = max(c, c0), min(c + columns, c1)
                 if lower < upper and left < right:
-                    own = self.view(self.height, (row, column))
+                    own = self.view(values, (row, column))
                     result[lower - r0 : upper - r0, left - c0 : right - c0] = own[
                         lower - r : upper - r, left - c : right - c
                     ]
@@ -154,6 +154,31 @@ class GroundGrid:
         """Tell whether all (K, 2) places [m] lie within the bounds of the cells."""
         size = self.cell_size * np.array(self.shape[::-1])
         return bool((places >= self.origin).all() and (places <= self.origin + size).all())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Around:
+    """A block and the cells about it."""
+
+    number: tuple[int, int]
+    """Row and column of the block in the table."""
+    low: tuple[int, int]
+    """First row and column."""
+    high: tuple[int, int]
+    """Those behind the last."""
+    corner: tuple[int, int]
+    """The block's first row and column, from there."""
+
+    def put(self, view: NDArray[Any], values: NDArray[Any]) -> None:
+        """
+        Set a block from the values in and about it.
+
+        Its one row and column more are the neighbour's first, or its own last again.
+        """
+        own = values[self.corner[0] :, self.corner[1] :][: view.shape[0], : view.shape[1]]
+        view[: own.shape[0], : own.shape[1]] = own
+        view[own.shape[0] :] = view[own.shape[0] - 1]
+        view[:, own.shape[1] :] = view[:, own.shape[1] - 1 : own.shape[1]]
 
 
 def make_grid(

@@ -5,25 +5,30 @@
 
 from dataclasses import dataclass, replace
 import math
-from typing import Any
 
 from numba import njit, prange
 import numpy as np
-from numpy.typing import NDArray
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_filter import estimate_ground
+from plc_inspect.core.extraction.ground_filter import (
+    estimate_ground,
+    fill,
+    find_surface,
+    is_raised,
+    keep,
+    shrink,
+)
 from plc_inspect.core.extraction.ground_grid import (
     COLUMNS,
     find_cell,
     FINE,
     GroundGrid,
     lay_blocks,
+    make_grid,
     make_unknown,
     MAX_CELLS,
     MOST_CELLS,
     MOST_SQUARES,
-    ROWS,
     SHIFT,
     WHOLE,
 )
@@ -43,8 +48,7 @@ Source: derived: more than AREAL_REACH cells, as the edge of the grid influences
 CONTEXT = 2 * FINE
 """
 Cells about a block that are looked at with it; there are FINE more between it and its points.
-Source: derived: gaps of up to FINE cells are filled from those about them; with 130 m about the
-points of a tile, bench/grid/equality.py found other heights, with 200 m the same.
+Source: derived: no stage below the level of FINE cells reaches farther.
 """
 LANES = 16
 """
@@ -162,29 +166,42 @@ def _lay_out(
 
 
 def _estimate(lowest: GroundGrid, max_slope: float) -> GroundGrid:
-    """Estimate the ground block by block, each with what is about it."""
-    ground = replace(
-        lowest, height=np.empty_like(lowest.height), seen=np.zeros_like(lowest.seen)
-    )
-    for number in np.argwhere(lowest.table[:, :, ROWS] > 0).tolist():
-        (row, column), (rows, columns) = lowest.place(number)
-        low = max(row - CONTEXT, 0), max(column - CONTEXT, 0)
-        about, seen = estimate_ground(
-            lowest.cut(low, (row + rows + CONTEXT, column + columns + CONTEXT)),
-            lowest.cell_size, max_slope,
+    """Estimate the ground; of several blocks each with what is about it."""
+    if lowest.shift == WHOLE:
+        height, seen = estimate_ground(
+            lowest.view(lowest.height, (0, 0))[:-1, :-1].copy(), lowest.cell_size, max_slope
         )
-        corner = row - low[0], column - low[1]
-        _put(ground.view(ground.height, number), about, corner)
-        _put(ground.view(ground.seen, number), seen, corner)
-    return ground
+        return make_grid(height, seen, lowest.origin, lowest.cell_size)
+    surface, seen, sure = np.empty_like(lowest.height), lowest.seen.copy(), lowest.seen.copy()
+    is_any = False
+    for around in lowest.list_around(CONTEXT):
+        found = find_surface(lowest.cut(lowest.height, around), lowest.cell_size, max_slope)
+        is_any |= found.is_any
+        for all_cells, own in ((surface, found.surface), (seen, found.seen), (sure, found.sure)):
+            around.put(lowest.view(all_cells, around.number), own)
+    seen &= is_any
+    if is_any and sure.any():
+        ground = _fill_blocks(lowest, keep(surface, sure))
+        seen &= sure | ~is_raised(surface, ground)
+    return replace(lowest, height=_fill_blocks(lowest, keep(surface, seen)), seen=seen)
 
 
-def _put(view: NDArray[Any], about: NDArray[Any], corner: tuple[int, int]) -> None:
-    """Set a block with one row and column more: the neighbour's first, or again the last."""
-    own = about[corner[0] :, corner[1] :][: view.shape[0], : view.shape[1]]
-    view[: own.shape[0], : own.shape[1]] = own
-    view[own.shape[0] :] = view[own.shape[0] - 1]
-    view[:, own.shape[1] :] = view[:, own.shape[1] - 1 : own.shape[1]]
+def _fill_blocks(grid: GroundGrid, known: Float32) -> Float32:
+    """Fill cells block by block as all of them would be, from what is known in any block."""
+    levels = FINE.bit_length() - 1
+    base = np.full([-(-num // FINE) for num in grid.shape], np.nan, dtype=np.float32)
+    for around in grid.list_around(0):
+        own = shrink(np.ascontiguousarray(grid.view(known, around.number)[:-1, :-1]), levels)
+        row, column = (place // FINE for place in around.low)
+        base[row : row + own.shape[0], column : column + own.shape[1]] = own
+    base, result = fill(base), np.empty_like(known)
+    for around in grid.list_around(CONTEXT):
+        row, column = (place // FINE for place in around.low)
+        about = grid.cut(known, around)
+        rows, columns = (-(-num // FINE) for num in about.shape)
+        filled = fill(about, levels, base[row : row + rows, column : column + columns])
+        around.put(grid.view(result, around.number), filled)
+    return result
 
 
 @njit(cache=True, nogil=True, inline='always')

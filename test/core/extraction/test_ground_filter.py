@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from plc_inspect.core.extraction.ground_filter import (
-    _fill,
     _is_areal,
     _limit_sweeps,
     _lower_envelope,
     AREAL_REACH,
     AREAL_SHARE,
     estimate_ground,
+    fill,
 )
 
 SHAPES = [(1, 1), (1, 5), (6, 1), (7, 8), (15, 16), (16, 33), (40, 31)]
@@ -46,7 +46,7 @@ def test_what_is_known_stays_and_all_else_is_filled_from_it(shape):
     values = rng.uniform(10.0, 20.0, shape).astype(np.float32)
     known = rng.uniform(size=shape) < 0.2
     known[-1, -1] = True
-    filled = _fill(np.where(known, values, np.float32(np.nan)))
+    filled = fill(np.where(known, values, np.float32(np.nan)))
     assert filled.dtype == np.float32
     np.testing.assert_array_equal(filled[known], values[known])
     assert filled.min() >= values[known].min() - 1e-5
@@ -57,8 +57,8 @@ def test_a_hole_in_a_slope_is_filled_by_the_slope():
     slope = np.add.outer(np.arange(64.0), 0.5 * np.arange(64.0)).astype(np.float32)
     hole = slope.copy()
     hole[20:28, 30:38] = np.nan
-    assert np.abs(_fill(hole) - slope).max() < 3.0
-    assert np.abs(_fill(hole) - slope).mean() < 0.02
+    assert np.abs(fill(hole) - slope).max() < 3.0
+    assert np.abs(fill(hole) - slope).mean() < 0.02
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -81,7 +81,7 @@ def test_what_is_far_from_known_cells_does_not_matter_to_the_envelope(seed):
 
 
 def test_nothing_known_stays_unknown():
-    assert np.isnan(_fill(np.full((5, 4), np.nan, dtype=np.float32))).all()
+    assert np.isnan(fill(np.full((5, 4), np.nan, dtype=np.float32))).all()
 
 
 def lay_rows(height, wide=3):

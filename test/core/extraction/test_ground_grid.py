@@ -49,16 +49,12 @@ def test_heights_are_those_above_a_grid_that_keeps_all(angle, monkeypatch):
     few_kept = measure_surface(points, SETTINGS)
     assert few_kept.ground.table.size > 5
     assert len(few_kept.ground.height) < len(all_kept.ground.height) or angle == 0.0
-    # at the fringes the ground is filled in from what is far away as well
-    off = np.abs(few_kept.height - all_kept.height)
-    assert np.quantile(off, 0.95) < 1e-4
-    assert off.max() < 0.1
+    np.testing.assert_allclose(few_kept.height, all_kept.height, atol=1e-5)
     places = points[::7, :2] + np.random.default_rng(3).uniform(-9.0, 9.0, (len(points[::7]), 2))
     for max_gap in (0.0, 2.5, math.inf):
-        off = few_kept.ground.at(places, max_gap) - all_kept.ground.at(places, max_gap)
-        np.testing.assert_array_equal(np.isnan(off), np.isnan(all_kept.ground.at(places, max_gap)))
-        assert np.nanquantile(np.abs(off), 0.98) < 0.05
-        assert np.nanmax(np.abs(off)) < 2.0
+        np.testing.assert_allclose(
+            few_kept.ground.at(places, max_gap), all_kept.ground.at(places, max_gap), atol=1e-5
+        )
     np.testing.assert_array_equal(
         few_kept.ground.tell_seen(places), all_kept.ground.tell_seen(places)
     )
@@ -99,7 +95,7 @@ def test_cells_grow_where_bounds_or_area_are_too_wide(monkeypatch):
 
 
 @pytest.mark.parametrize('angle', [0.3, 2.8])
-def test_heights_in_a_part_are_those_in_the_whole_to_the_bit(wide, angle):
+def test_heights_in_a_part_are_those_in_the_whole(wide, angle):
     """Stages decide at full metres, where another rounding is another decision."""
     points = make_corridor(3000.0, angle) + SHIFTED
     region = np.array([points.min(axis=0), points.max(axis=0)])
@@ -108,8 +104,37 @@ def test_heights_in_a_part_are_those_in_the_whole_to_the_bit(wide, angle):
     inner = (along[own] > 1200.0) & (along[own] < 1800.0)
     whole = measure_surface(points, SETTINGS)
     part = measure_surface(points[own], SETTINGS, region=region)
-    np.testing.assert_array_equal(part.height[inner], whole.height[own][inner])
+    off = np.abs(part.height - whole.height[own])[inner]
+    # but at the fringes, where the ground is filled in from what is far away as well
+    assert (off > 0.0).mean() < 0.03
+    assert off.max() < 0.01
     assert inner.sum() > 1000
+
+
+def test_sparse_ground_is_ground_where_a_dense_patch_is_far_away(monkeypatch):
+    """One place decides for the whole that there is a surface."""
+    rng = np.random.default_rng(5)
+    patch = make_ground((0.0, 0.0), (60.0, 60.0), height=slope)
+    rest = rng.uniform((60.0, 0.0), (2000.0, 60.0), (int(0.4 * 1940.0 * 60.0), 2))
+    points = np.vstack([patch, np.column_stack([rest, slope(*rest.T)])])
+    all_kept = measure_surface(points, SETTINGS)
+    monkeypatch.setattr(ground_surface, 'MAX_CELLS', 0)
+    few_kept = measure_surface(points, SETTINGS)
+    np.testing.assert_allclose(few_kept.height, all_kept.height, atol=1e-5)
+    assert np.isfinite(few_kept.height).all()
+    # without the patch there is none anywhere
+    assert np.isnan(measure_surface(points[len(patch):], SETTINGS).height).all()
+
+
+def test_wires_over_water_are_no_ground_of_their_block(wide):
+    """The banks, hundreds of metres away, tell that they are too high."""
+    banks = [make_ground((x, 0.0), (x + 300.0, 60.0)) for x in (0.0, 1500.0)]
+    wires = [
+        make_wire((300.0, 20.0 + side, 25.0), (1500.0, 20.0 + side, 25.0), c=30_000.0)
+        for side in np.arange(0.0, 4.0, 1.0)
+    ]
+    surface = measure_surface(np.vstack([*banks, *wires]), SETTINGS)
+    assert surface.height[sum(map(len, banks)):].min() > 15.0
 
 
 def test_points_that_are_no_numbers_hold_no_block(wide):
