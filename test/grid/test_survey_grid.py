@@ -267,6 +267,23 @@ def test_tiles_take_the_ground_that_was_measured_with_the_whole(cloud, tmp_path,
     np.testing.assert_array_equal(collect(tmp_path / 'kept'), collect(tmp_path / 'anew'))
 
 
+def test_results_of_before_sub_conductors_were_known_are_read(cloud, tmp_path):
+    cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
+    inspect(tmp_path / 'out', [cloud], **cut)
+    before = collect(tmp_path / 'out')
+    held = 0
+    for path in (tmp_path / 'out').glob('work/tiles/*.json'):
+        value = json.loads(path.read_text())
+        for span in value['spans']:
+            del span['strands']
+            held += 1
+        path.write_text(json.dumps(value))
+    assert held > 0
+    summary, _ = inspect(tmp_path / 'out', [cloud], **cut)
+    assert summary.failures == ()
+    np.testing.assert_array_equal(collect(tmp_path / 'out'), before)
+
+
 @pytest.mark.parametrize('gone', ['work', 'work/cells/s000000_0000', 'coverage', 'labels'])
 def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
     cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}

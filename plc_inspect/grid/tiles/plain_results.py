@@ -158,7 +158,10 @@ def read_found(place: Path, number: int) -> FoundTile:
 
 
 def _make_span(item: dict[str, Any]) -> Span:
-    places = {name: np.array(item[name]) for name in ('start', 'end', 'lowest', 'strands')}
+    places = {
+        name: np.array(item[name]) for name in ('start', 'end', 'lowest', 'strands')
+        if name in item  # strands are not, in results of before they were known
+    }
     a2, a1, a0 = item['quadratic']
     return Span(**item | places | {'quadratic': (a2, a1, a0)})
 
