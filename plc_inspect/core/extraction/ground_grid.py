@@ -104,10 +104,10 @@ class GroundGrid:
             ))
         return result
 
-    def cut(self, values: NDArray[Any], around: 'Around') -> NDArray[Any]:
-        """Return the (rows, columns) values in and about a block; NaN where none are kept."""
+    def cut(self, values: Float32, around: 'Around') -> Float32:
+        """Return the (rows, columns) values [m] in and about a block; NaN where none are kept."""
         (r0, c0), (r1, c1) = around.low, around.high
-        result = np.full((r1 - r0, c1 - c0), np.nan, dtype=values.dtype)
+        result = np.full((r1 - r0, c1 - c0), np.nan, dtype=np.float32)
         for row in range(r0 >> self.shift, ((r1 - 1) >> self.shift) + 1):
             for column in range(c0 >> self.shift, ((c1 - 1) >> self.shift) + 1):
                 (r, c), (rows, columns) = self.place((row, column))

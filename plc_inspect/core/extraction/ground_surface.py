@@ -279,7 +279,7 @@ def _address(row, column, table, shift, at, wide):  # type: ignore[no-untyped-de
         return
     for k in range(len(row)):
         r, c = np.int64(row[k]), np.int64(column[k])
-        # cells beside those of points are kept as well; others would be a defect
+        # cells beside those of points are kept as well; only a point that is not finite has none
         at[k] = np.uint32(max(find_cell(table, shift, r, c), 0))
         wide[k] = np.uint32(table[r >> shift, c >> shift, COLUMNS] + 1)
 
