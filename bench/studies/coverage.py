@@ -40,7 +40,7 @@ from plc_inspect.sim.scenes.catalogue import make_scene
 from plc_inspect.sim.scenes.scene import Scene
 from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.puck import Puck, Scan
-from plc_inspect.sim.surveys.trajectory import FlightPlan, Trajectory
+from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors, Trajectory
 
 KINDS = ('conductors', 'scans', 'ground', 'side')
 """What is hidden: a third of conductors, a third of scans, ground behind houses, a side."""
@@ -48,6 +48,8 @@ NOISE = 0.02
 """Standard deviation of points [m]."""
 NEAR = 3.0
 """A place of a conductor was seen where a wire point is this near [m]."""
+EXACT = OdometryErrors(drift=0.0, attitude_deg=0.0, jitter=0.0)
+"""Errors of the way, which is compared with true conductors."""
 LEAST_CLOSED, LEAST_APART = 0.95, 15.0
 """Share of what was listed that is to be seen, and distance from conductors to be kept [m]."""
 
@@ -58,7 +60,7 @@ class Cloud:
 
     keeps: Callable[[float], bool]
     rng: np.random.Generator
-    voxels: VoxelMap = field(default_factory=lambda: VoxelMap(MapSettings(max_voxels=10_000_000)))
+    voxels: VoxelMap = field(default_factory=lambda: VoxelMap(MapSettings(max_voxels=60_000_000)))
     way: list[tuple[float, ...]] = field(default_factory=list)
 
     def write_scan(self, scan: Scan) -> None:
@@ -92,9 +94,9 @@ def look(cloud: Cloud) -> Seen:
 
 
 def fly(cloud: Cloud, scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> None:
-    """Fly, and put the way into the frame of the scene."""
+    """Fly, and put the way into the frame of the scene, both without drift."""
     before = len(cloud.way)
-    truth = simulate_flight(scene, cloud, rng, Flight(plan=plan, puck=Puck()))
+    truth = simulate_flight(scene, cloud, rng, Flight(plan=plan, puck=Puck(), errors=EXACT))
     origin = truth['odometry_origin']
     for number in range(before, len(cloud.way)):
         time, *place = cloud.way[number]

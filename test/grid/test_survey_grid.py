@@ -22,7 +22,7 @@ from toys import make_ground, make_wire
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
-from plc_inspect.core.coverage.refly import SAFE
+from plc_inspect.core.coverage.airspace import SAFE
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline

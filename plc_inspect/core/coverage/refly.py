@@ -4,52 +4,46 @@
 """
 Plans a flight that shows all gaps, at a safe distance and in order of flight.
 
-A run passes one stretch on one side, below no conductor.  Between runs, and before the first, the
-vehicle climbs above everything seen.
+A run passes one stretch on one side, below no conductor: at the height of the conductors where
+these were not seen, nearer to the ground where that was not.  Between runs, and before the first,
+the vehicle climbs above everything seen.
 Unseen objects may stand higher, so the path is a proposal to a pilot, who must look out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 import enum
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, STEP
+from plc_inspect.core.coverage.airspace import (
+    Airspace,
+    LEAD,
+    OBSTACLES,
+    ROUNDING,
+    SAFE,
+    sample_path,
+    sample_wires,
+)
+from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, PASS, STEP
 from plc_inspect.core.coverage.sections import find_heights, find_sections, Section
 from plc_inspect.core.coverage.seen_ground import SeenGround
-from plc_inspect.results import Bool, Float64, Int64, Span
+from plc_inspect.results import Bool, Float64, Span
 
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
-
-SAFE = 18.0
-"""
-Least distance from all conductors, extrapolated beyond open ends [m].
-Source: derived: the default warning distance of 15 m, and 3 m of wind and odometry.
-"""
+LOW_LEAD = PASS
+"""LEAD of ground that is passed at LOW [m].  Source: derived: where rings meet it."""
 ABOVE = 4.0
 """
 Height above the highest conductor [m].
 Source: judgement: as the flights of the simulator; bench/studies/coverage.py flies it.
-"""
-LEAD = 40.0
-"""
-Distance before and after a stretch at which its run begins and ends [m].
-Source: derived: 15 degrees below the horizon the ground 10 m below is met after 37 m.
-"""
-OBSTACLES, NEAR = 8.0, 10.0
-"""
-Least height above objects, and distance in plan from the path within which they count [m].
-Source: derived: the default critical distance; sway and odometry.
 """
 MOST_STEP = 25.0
 """
 Greatest distance between two waypoints of a run [m].
 Source: judgement: over hills the height changes.
 """
+MOST_SLOPE = 0.5
+"""Greatest slope of a run.  Source: judgement: a multirotor climbs at half of its speed."""
 NUM_TURNS, NUM_REACHES = 16, 6
 """
 Directions in which a start below conductors is left level, and half safe distances tried.
@@ -58,77 +52,7 @@ Source: numerical: 54 m reach beyond the conductors of any line.
 LIFT = 2.0
 """Step by which a path is lifted until it is safe [m].  Source: numerical."""
 MOST_LIFT = 200.0
-"""Greatest lift of a path [m].  Source: judgement: higher than any line."""
-ROUNDING = 1e-6
-"""Distances equal to it count as kept [m].  Source: numerical."""
-SAMPLE = 2.0
-"""Spacing of compared positions on conductors and paths [m].  Source: numerical: SAFE is nine."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Around:
-    """Obstacles of the path."""
-
-    wires: Float64
-    """(N, 3) positions along all conductors [m]."""
-    ground: SeenGround
-    safe: float
-
-    @cached_property
-    def tree(self) -> 'cKDTree':
-        """Kd-tree of these positions."""
-        from scipy.spatial import cKDTree  # a moment that others need not wait for
-
-        return cKDTree(self.wires)
-
-    @cached_property
-    def plan_tree(self) -> 'cKDTree':
-        """Kd-tree of these positions in plan."""
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.wires[:, :2])
-
-    @property
-    def least(self) -> float:
-        """Distance between samples from which all between them keeps the safe one [m]."""
-        return float(np.hypot(self.safe, SAMPLE / np.sqrt(2.0)))
-
-    def is_safe(self, places: Float64) -> Bool:
-        """Return which positions (N, 3) are above all else and no conductor is near or above."""
-        return self.is_above(places) & self.is_apart(places) & ~self.is_below(places)
-
-    def is_above(self, places: Float64) -> Bool:
-        """Return which positions (N, 3) are above all objects near them."""
-        # as a waypoint may lie exactly that high, rounding is left to it
-        high: Bool = places[:, 2] >= self.find_floor(places) - ROUNDING
-        return high
-
-    def find_floor(self, places: Float64) -> Float64:
-        """Return the least safe height (N,) above the objects near positions (N, 2+) [m]."""
-        # an object near a leg counts at the samples before and behind it
-        return self.ground.find_top(places, NEAR + SAMPLE) + OBSTACLES
-
-    def is_apart(self, places: Float64) -> Bool:
-        """Return which positions (N, 3) are far enough from conductors."""
-        return self.measure(places) >= self.least - ROUNDING
-
-    def measure(self, places: Float64) -> Float64:
-        """Return the distance (N,) of positions (N, 3) from conductors, up to the least [m]."""
-        if not len(self.wires):
-            return np.full(len(places), self.least)
-        apart: Float64 = np.minimum(self.tree.query(places)[0], self.least)
-        return apart
-
-    def is_below(self, places: Float64) -> Bool:
-        """Return which positions (N, 3) cannot be left upwards: a conductor hangs above."""
-        below: Bool = np.zeros(len(places), dtype=np.bool_)
-        if not len(self.wires):
-            return below
-        (low,) = np.nonzero(places[:, 2] < self.wires[:, 2].max())
-        near = self.plan_tree.query_ball_point(places[low, :2], self.least)
-        for number, own in zip(low, near, strict=True):
-            below[number] = bool((self.wires[own, 2] > places[number, 2]).any())
-        return below
+"""Greatest height above that of conductors [m].  Source: judgement: higher than any line."""
 
 
 class Kind(enum.IntEnum):
@@ -200,51 +124,46 @@ def plan_refly(
     wires = sample_wires([
         *(item.section for item in coverage.sections), *find_sections(others),
     ])
-    around = _Around(wires, ground, safe)
+    space = Airspace(wires, ground, safe)
     runs, number = [], 0
     for item in coverage.sections:
         numbers = range(number, number + len(item.gaps))
         number += len(item.gaps)
-        sides: dict[bool, list[int]] = {True: [], False: []}
         flown = {strip.part: strip.is_flown for strip in item.strips}
         fixed = [gap.part for gap in item.gaps if gap.part in (Part.LEFT, Part.RIGHT)]
         # what can be seen from either side is looked at from one that is flown anyhow, or is new
         free = fixed[0] == Part.LEFT if fixed else not flown.get(Part.LEFT)
+        passes: dict[tuple[bool, bool], list[tuple[int, Gap]]] = {}
         for place, gap in zip(numbers, item.gaps, strict=True):
+            is_low = gap.part != Part.CONDUCTOR and _hangs_high(item.section, gap, space)
             own = gap.part == Part.LEFT if gap.part in (Part.LEFT, Part.RIGHT) else free
-            sides[own].append(place)
-        for is_left, chosen in sides.items():
-            gaps = [(place, item.gaps[place - numbers[0]]) for place in chosen]
-            for low, high, held in _merge(gaps):
-                places = _lay_run(item.section, (low, high), is_left, around)
+            # what trees hide from one side may be seen from the other
+            for is_left in (own, not own) if is_low else (own,):
+                passes.setdefault((is_left, is_low), []).append((place, gap))
+        for (is_left, is_low), chosen in passes.items():
+            lead = LOW_LEAD if is_low else LEAD
+            for low, high, held in _merge(chosen, lead):
+                places = _lay_run(item.section, (low, high, lead), is_left, is_low, space)
                 if places is not None:
                     runs.append(Run(
                         span_id=item.section.span_id, is_left=is_left, gaps=held, places=places,
                     ))
-    return _order(runs, around, start)
+    return _order(runs, space, start)
 
 
-def sample_wires(sections: Sequence[Section]) -> Float64:
-    """Return positions (N, 3) along all conductors, extrapolated beyond open ends [m]."""
-    parts = [np.empty((0, 3))]
-    for section in sections:
-        for span in section.spans:
-            low, high = _extend(section, span)
-            parts.append(span.positions(np.linspace(low, high, 2 + int((high - low) / SAMPLE))))
-    return np.concatenate(parts)
+def _hangs_high(section: Section, gap: Gap, space: Airspace) -> bool:
+    """Tell whether a run at the height of the conductors passes too high above a gap's ground."""
+    high = find_heights(section, section.enter(gap.places)[:, 0])[:, 1] + ABOVE
+    return bool((high > space.find_low(gap.places)).any())
 
 
-def _extend(section: Section, span: Span) -> tuple[float, float]:
-    """Return least and greatest x of a span, beyond its open ends included [m]."""
-    reach = LEAD + section.high - span.length
-    return -reach if span.open_start else 0.0, span.length + (reach if span.open_end else 0.0)
-
-
-def _merge(gaps: Sequence[tuple[int, Gap]]) -> list[tuple[float, float, tuple[int, ...]]]:
+def _merge(
+    gaps: Sequence[tuple[int, Gap]], lead: float
+) -> list[tuple[float, float, tuple[int, ...]]]:
     """Return stretches of numbered gaps, merging near ones."""
     merged: list[tuple[float, float, tuple[int, ...]]] = []
     for number, gap in sorted(gaps, key=lambda item: item[1].low):
-        if merged and gap.low - merged[-1][1] <= 2.0 * LEAD:
+        if merged and gap.low - merged[-1][1] <= 2.0 * lead:
             low, high, held = merged[-1]
             merged[-1] = low, max(high, gap.high), (*held, number)
         else:
@@ -253,48 +172,69 @@ def _merge(gaps: Sequence[tuple[int, Gap]]) -> list[tuple[float, float, tuple[in
 
 
 def _lay_run(
-    section: Section, stretch: tuple[float, float], is_left: bool,
-    around: _Around,
+    section: Section, stretch: tuple[float, float, float], is_left: bool, is_low: bool,
+    space: Airspace,
 ) -> Float64 | None:
-    low, high = stretch[0] - LEAD, stretch[1] + LEAD
-    x = np.linspace(low, high, 2 + int((high - low) / MOST_STEP))
-    aside = 2.0 * around.least - around.safe  # so that rounding does not lift it
+    aside = 2.0 * space.least - space.safe  # so that rounding does not lift it
     y = section.left + aside if is_left else section.right - aside
+    low, high = _find_ends(section, stretch, y, space)
+    x = np.linspace(low, high, 2 + int((high - low) / MOST_STEP))
     inside = np.clip(x, 0.0, section.high)
     heights = find_heights(section, inside)[:, 1] + ABOVE
-    return _lift(np.column_stack([section.leave(x, y), heights]), around)
+    plan = section.leave(x, y)
+    most = heights + MOST_LIFT
+    if is_low:
+        heights = np.minimum(heights, space.find_low(plan))
+    return _lift(np.column_stack([plan, heights]), most, space)
 
 
-def _lift(places: Float64, around: _Around) -> Float64 | None:
-    """Return a path lifted so that each leg is safe, None where none is."""
-    most = places[:, 2] + MOST_LIFT
-    places = places.copy()
-    places[:, 2] = np.maximum(places[:, 2], around.find_floor(places))
-    for _ in range(1 + int(MOST_LIFT / LIFT)):
+def _find_ends(
+    section: Section, stretch: tuple[float, float, float], y: float, space: Airspace
+) -> tuple[float, float]:
+    """
+    Return where a run along a stretch with a lead begins and ends [m].
+
+    Where nothing was seen it passes no farther than known conductors go: they may turn there.
+    """
+    low, high, lead = stretch
+    known = section.enter(np.array([
+        place for span in section.spans for place in (span.start, span.end)
+    ]))[:, 0]
+    first, last = float(known.min()), float(known.max())
+    ends = []
+    for begin, sign in ((low, -1.0), (high, 1.0)):
+        begin = float(np.clip(begin, first, last))
+        x = begin + sign * np.arange(0.0, lead + STEP, STEP)
+        good = space.is_known(section.leave(x, y)) | ((x >= first) & (x <= last))
+        ends.append(float(x[np.flatnonzero(np.append(~good, True))[0] - 1]) if good[0] else begin)
+    return ends[0], ends[1]
+
+
+def _lift(places: Float64, most: Float64, space: Airspace) -> Float64 | None:
+    """Return a path lifted so that each leg is safe, None where none below heights (K,) is."""
+    places[:, 2] = np.maximum(places[:, 2], space.find_floor(places))
+    while True:
+        _limit_slope(places)
         if (places[:, 2] > most).any():
             return None
-        at, owner = _sample(places)
-        bad = ~around.is_safe(at)
+        at, owner = sample_path(places)
+        bad = ~space.is_safe(at)
         if not bad.any():
             return places
         chosen = np.unique(np.concatenate([owner[bad], owner[bad] + 1]))
         places[np.minimum(chosen, len(places) - 1), 2] += LIFT
-    return None
 
 
-def _sample(places: Float64) -> tuple[Float64, Int64]:
-    """Return positions (N, 3) along a path, and the number of the leg of each."""
-    parts, owner = [places[:1]], [0]
-    for number in range(len(places) - 1):
-        apart = float(np.linalg.norm(places[number + 1] - places[number]))
-        share = np.linspace(0.0, 1.0, 2 + int(apart / SAMPLE))[:, None]
-        parts.append(places[number] + share * (places[number + 1] - places[number]))
-        owner += [number] * len(share)
-    return np.concatenate(parts), np.array(owner, dtype=np.int64)
+def _limit_slope(places: Float64) -> None:
+    """Lift waypoints so that no leg is steeper than MOST_SLOPE."""
+    for way in (places, places[::-1]):
+        drop = MOST_SLOPE * np.hypot(*np.diff(way[:, :2], axis=0).T)
+        for k in range(1, len(way)):
+            way[k, 2] = max(way[k, 2], way[k - 1, 2] - drop[k - 1])
 
 
 def _order(
-    runs: Sequence[Run], around: _Around, start: Float64 | None
+    runs: Sequence[Run], space: Airspace, start: Float64 | None
 ) -> Refly:
     """Put runs one after the other, the nearest end first, with the way between them."""
     left, at = list(runs), start
@@ -313,7 +253,7 @@ def _order(
         run = left.pop(number)
         way = run.places[::-1] if turned else run.places
         if at is not None:
-            between = _cross(at, way[0], around) if ordered else _leave(at, way[0], around)
+            between = _cross(at, way[0], space) if ordered else _leave(at, way[0], space)
             places.append(between)
             kinds += [Kind.TRANSIT] * len(between)
             owner += [len(ordered)] * len(between)
@@ -329,40 +269,51 @@ def _order(
     )
 
 
-def _cross(first: Float64, last: Float64, around: _Around) -> Float64:
-    """Return waypoints (K, 3) between two safe places: none, or up, over and down."""
-    if around.is_safe(_sample(np.array([first, last]))[0]).all():
+def _cross(first: Float64, last: Float64, space: Airspace) -> Float64:
+    """
+    Return waypoints (K, 3) between two safe places: none, or up, over and down.
+
+    Over what was not seen the way is as high as over all that was within PASS of it.
+    """
+    way, _ = sample_path(np.array([first, last]))
+    is_known = bool(space.is_known(way).all())
+    if is_known and space.is_safe(way).all():
         return np.empty((0, 3))
     # nothing hangs above a safe place, so that both ways up are safe
-    near = around.wires[_lies_along(around.wires, first, last, around.least)]
-    level, _ = _sample(np.array([[*first[:2], 0.0], [*last[:2], 0.0]]))
+    reach = space.least if is_known else max(space.least, PASS)
+    near = space.wires[_lies_along(space.wires, first, last, reach)]
+    level, _ = sample_path(np.array([[*first[:2], 0.0], [*last[:2], 0.0]]))
     top = max(
-        float(around.find_floor(level).max()), float(first[2]), float(last[2]),
-        float(near[:, 2].max()) + around.least if len(near) else -np.inf,
+        float(space.find_floor(level).max()), float(first[2]), float(last[2]),
+        float(near[:, 2].max()) + space.least if len(near) else -np.inf,
     )
+    if not is_known:
+        tree, heights = space.seen
+        beside = _lies_along(tree.data, first, last, reach)
+        top = max(top, float(heights[:-1][beside, 1].max(initial=-np.inf)) + OBSTACLES)
     return np.array([[*first[:2], top], [*last[:2], top]])
 
 
-def _leave(start: Float64, last: Float64, around: _Around) -> Float64:
+def _leave(start: Float64, last: Float64, space: Airspace) -> Float64:
     """Return waypoints (K, 3) from where the vehicle is, none where no way is safe."""
     turns = np.linspace(0.0, 2.0 * np.pi, NUM_TURNS, endpoint=False)
-    reaches = around.least * np.arange(1, NUM_REACHES + 1) / 2.0
+    reaches = space.least * np.arange(1, NUM_REACHES + 1) / 2.0
     aside = start + np.array([
         (reach * np.cos(turn), reach * np.sin(turn), 0.0) for reach in reaches for turn in turns
     ])
-    for way in [np.empty((0, 3)), *aside[around.is_safe(aside)][:, None]]:
+    for way in [np.empty((0, 3)), *aside[space.is_safe(aside)][:, None]]:
         own = np.vstack([start, way])
-        between = np.vstack([way, _cross(own[-1], last, around)])
-        if _comes_clear(np.vstack([start, between, last]), around):
+        between = np.vstack([way, _cross(own[-1], last, space)])
+        if _comes_clear(np.vstack([start, between, last]), space):
             return between
     return np.empty((0, 3))
 
 
-def _comes_clear(places: Float64, around: _Around) -> bool:
+def _comes_clear(places: Float64, space: Airspace) -> bool:
     """Tell whether a path from an unsafe place climbs or comes no nearer until it is safe."""
-    at, _ = _sample(places)
-    apart = around.measure(at)
-    above = around.is_above(at) | (np.hypot(*(at - at[0])[:, :2].T) <= ROUNDING)
+    at, _ = sample_path(places)
+    apart = space.measure(at)
+    above = space.is_above(at) | (np.hypot(*(at - at[0])[:, :2].T) <= ROUNDING)
     return bool(above.all() and (np.diff(apart) >= -ROUNDING).all())
 
 

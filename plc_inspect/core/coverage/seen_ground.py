@@ -50,6 +50,10 @@ class SeenGround:
     """(M,) points that are not of conductors."""
     top: Float64
     """(M,) greatest height of all points [m]."""
+    bottom: Float64
+    """(M,) least height of points that are not of conductors, inf without one [m]."""
+    cover: Float64
+    """(M,) greatest height of those, -inf without one [m]."""
 
     def is_seen(self, places: Float64) -> Bool:
         """
@@ -97,6 +101,21 @@ class SeenGround:
                 top[found] = np.maximum(top[found], self.top[at[found]])
         return top
 
+    def list_seen(self) -> tuple[Float64, Float64]:
+        """
+        Return the cells that were seen.
+
+        Returns
+        -------
+        middles : (K, 2) float64
+            Their middles, map frame [m].
+        heights : (K, 2) float64
+            Least and greatest height of points that are not of conductors [m].
+
+        """
+        seen = self.num_points >= LEAST_POINTS
+        return _unpack(self.keys[seen]), np.column_stack([self.bottom, self.cover])[seen]
+
     def _find(self, places: Float64) -> tuple[Int64, Bool]:
         """Return the row of each position's cell, and whether that cell exists."""
         if not len(self.keys):
@@ -123,15 +142,18 @@ def see_ground(points: Float64, is_wire: Bool) -> SeenGround:
     SeenGround
 
     """
-    keys, num_points, top = _gather(points, is_wire)
+    keys, num_points, heights = _gather(points, is_wire)
     order = np.argsort(keys)
-    return SeenGround(keys=keys[order], num_points=num_points[order], top=top[order])
+    top, bottom, cover = heights[order].T
+    return SeenGround(
+        keys=keys[order], num_points=num_points[order], top=top, bottom=bottom, cover=cover,
+    )
 
 
 @njit(cache=True, nogil=True)
 def _gather(points, is_wire):  # type: ignore[no-untyped-def]
-    """Return the key of each cell in order of its first point, its points and its top."""
-    keys, num_points, top = _make_room(INITIAL_CELLS)
+    """Return key of each cell in order of its first point, points, and top, bottom and cover."""
+    keys, num_points, heights = _make_room(INITIAL_CELLS)
     table = make_table(len(keys))
     used = 0
     slot = -1
@@ -146,25 +168,30 @@ def _gather(points, is_wire):  # type: ignore[no-untyped-def]
             slot, place = probe(key, hashed, hashed & (len(table) - 1), table, keys)
             if slot < 0:
                 if used == len(keys):
-                    more_keys, more_points, more_top = _make_room(2 * used)
+                    more_keys, more_points, more_heights = _make_room(2 * used)
                     put(keys, more_keys)
                     put(num_points, more_points)
-                    put(top, more_top)
-                    keys, num_points, top = more_keys, more_points, more_top
+                    put(heights.ravel(), more_heights.ravel())
+                    keys, num_points, heights = more_keys, more_points, more_heights
                     table = index_keys(keys[:used], len(keys))
                     _, place = probe(key, hashed, hashed & (len(table) - 1), table, keys)
                 slot = used
                 used += 1
                 table[place] = make_entry(hashed, slot, len(table) - 1)
                 keys[slot] = key
-        num_points[slot] += not is_wire[i]
-        top[slot] = max(top[slot], z)
-    return keys[:used], num_points[:used], top[:used]
+        heights[slot, 0] = max(heights[slot, 0], z)
+        if not is_wire[i]:
+            num_points[slot] += 1
+            heights[slot, 1] = min(heights[slot, 1], z)
+            heights[slot, 2] = max(heights[slot, 2], z)
+    return keys[:used], num_points[:used], heights[:used]
 
 
 @njit(cache=True, nogil=True)
 def _make_room(num):  # type: ignore[no-untyped-def]
-    return np.empty(num, np.int64), np.zeros(num, np.int64), np.full(num, -np.inf)
+    heights = np.full((num, 3), -np.inf)
+    heights[:, 1] = np.inf
+    return np.empty(num, np.int64), np.zeros(num, np.int64), heights
 
 
 def _pack(places: Float64) -> Int64:
@@ -172,3 +199,10 @@ def _pack(places: Float64) -> Int64:
     index = np.floor(places[:, :2] / CELL).astype(np.int64)
     keys: Int64 = index[:, 0] * _SHIFT + index[:, 1]
     return keys
+
+
+def _unpack(keys: Int64) -> Float64:
+    """Return the middles (N, 2) of cells [m]."""
+    row = (keys + _SHIFT // 2) // _SHIFT
+    middles: Float64 = (np.column_stack([row, keys - row * _SHIFT]) + 0.5) * CELL
+    return middles

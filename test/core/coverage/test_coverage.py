@@ -121,6 +121,17 @@ def test_wires_say_nothing_of_the_ground():
     assert np.isneginf(nothing.find_top(wires, 5.0)).all()
 
 
+def test_seen_cells_tell_the_heights_of_all_but_conductors():
+    points = np.array([
+        [-4.0, 1.0, 0.5], [-4.0, 1.0, 7.0], [-4.0, 1.0, 20.0], [9.0, -1.0, -3.0],
+        [9.0, -1.0, -2.0], [30.0, 1.0, 0.0], [60.0, 1.0, 0.0], [60.0, 1.0, 1.0],
+    ])
+    is_wire = np.array([False, False, True, False, False, False, True, True])
+    middles, heights = see_ground(points, is_wire).list_seen()
+    assert middles.tolist() == [[-3.75, 1.25], [8.75, -1.25]]
+    assert heights.tolist() == [[0.5, 7.0], [-3.0, -2.0]]
+
+
 def test_open_end_goes_on_for_a_while_or_half_way_to_the_one_that_faces_it():
     one = make_span((0.0, 0.0, 20.0), (40.0, 0.0, 20.0), is_open=(False, True))
     other = make_span((70.0, 0.0, 20.0), (110.0, 0.0, 20.0), 0, 1, is_open=(True, False))

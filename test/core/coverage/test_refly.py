@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from spans import make_span, sample_points
 
+from plc_inspect.core.coverage.airspace import LEAD, LOW, NEAR, OBSTACLES, SAFE
 from plc_inspect.core.coverage.coverage import Coverage, look_at_section, Part
-from plc_inspect.core.coverage.refly import Kind, LEAD, NEAR, OBSTACLES, plan_refly, SAFE
+from plc_inspect.core.coverage.refly import ABOVE, Kind, LOW_LEAD, MOST_SLOPE, plan_refly
 from plc_inspect.core.coverage.sections import find_sections
 from plc_inspect.core.coverage.seen_ground import see_ground
 
@@ -70,15 +71,17 @@ def test_all_is_passed_at_a_safe_distance(hidden):
     coverage, refly, wires = plan(hidden)
     gaps = coverage.gaps
     assert gaps
-    assert sorted(number for run in refly.runs for number in run.gaps) == [*range(len(gaps))]
+    shown = {(number, run.is_left) for run in refly.runs for number in run.gaps}
+    assert {number for number, _ in shown} == {*range(len(gaps))}
+    for number, gap in enumerate(gaps):
+        if gap.part in (Part.LEFT, Part.RIGHT):
+            assert (number, gap.part == Part.LEFT) in shown
     way = walk(refly.places)
     apart = np.linalg.norm(way[:, None] - wires[None, ::4], axis=2).min(axis=1)
     assert apart.min() >= SAFE
     for run in refly.runs:
         for number in run.gaps:
             gap = gaps[number]
-            if gap.part in (Part.LEFT, Part.RIGHT):
-                assert run.is_left == (gap.part == Part.LEFT)
             near = np.linalg.norm(walk(run.places)[:, None, :2] - gap.places[None, :, :2], axis=2)
             assert near.min(axis=0).max() <= SAFE + 15.0
     assert len(refly.kinds) == len(refly.run) == len(refly.places)
@@ -87,15 +90,28 @@ def test_all_is_passed_at_a_safe_distance(hidden):
 
 def test_runs_lead_in_and_out_and_begin_at_the_nearer_end():
     hidden = lambda x, y: (y > 2.0) & (y < 20.0) & (x > 40.0) & (x < 60.0)  # noqa: E731
-    for start, near in (((-80.0, 20.0, 30.0), 0), ((300.0, 0.0, 30.0), -1)):
+    for start, near in (((-55.0, 20.0, 16.0), 0), ((150.0, 160.0, 30.0), -1)):
         _, refly, _ = plan(hidden, start=np.array(start))
-        (run,) = refly.runs
-        x = run.places[:, 0]
-        assert x.min() == pytest.approx(40.0 - LEAD, abs=5.0)
-        assert x.max() == pytest.approx(60.0 + LEAD, abs=5.0)
+        assert {run.is_left for run in refly.runs} == {True, False}
+        for run in refly.runs:
+            x = run.places[:, 0]
+            assert x.min() == pytest.approx(40.0 - LOW_LEAD, abs=5.0)
+            assert x.max() == pytest.approx(60.0 + LOW_LEAD, abs=5.0)
+        x = refly.runs[0].places[:, 0]
         assert x[0] == (x.min() if near == 0 else x.max())
         # the second start is beyond the conductors of the other span
-        assert set(refly.kinds) == ({Kind.RUN} if near == 0 else {Kind.RUN, Kind.TRANSIT})
+        assert refly.kinds[0] == (Kind.RUN if near == 0 else Kind.TRANSIT)
+
+
+def test_way_over_what_was_not_seen_is_above_all_beside_it():
+    gap = lambda x, y: (y > 2.0) & (y < 20.0) & (x > 40.0) & (x < 60.0)  # noqa: E731
+    start = np.array([-50.0, 20.0, 15.0])
+    _, refly, _ = plan(gap, start=start)
+    assert refly.kinds[0] == Kind.RUN
+    tree = np.column_stack([np.full(50, -40.0), np.full(50, 50.0), np.linspace(0.0, 25.0, 50)])
+    _, refly, _ = plan(lambda x, y: gap(x, y) | (x < -45.0), tree, start=start)
+    assert refly.kinds[:2] == (Kind.TRANSIT, Kind.TRANSIT)
+    assert refly.places[:2, 2].min() >= 25.0 + OBSTACLES
 
 
 def test_way_goes_over_a_tree_that_was_seen():
@@ -154,7 +170,7 @@ def test_nothing_on_the_way_is_near_a_line_that_crosses_above(seed):
 
 
 @pytest.mark.parametrize('start', [
-    (30.0, -25.0, 14.0), (30.0, -5.0, 14.0), (30.0, 0.0, 12.0), (30.0, -4.0, 26.0),
+    (30.0, -5.0, 14.0), (30.0, 0.0, 12.0), (30.0, -4.0, 26.0),
 ])
 def test_first_run_on_the_other_side_is_reached_over_the_conductors(start):
     hidden = lambda x, y: (y > 2.0) & (y < 14.0) & (x < 60.0)  # noqa: E731
@@ -177,16 +193,58 @@ def test_run_that_no_lift_makes_safe_is_left_out():
     hidden = lambda x, y: (y > 2.0) & (y < 12.0) & (x > 20.0) & (x < 90.0)  # noqa: E731
     _, refly, _ = plan(hidden)
     middle = (refly.places[2] + refly.places[3]) / 2
-    mast = np.column_stack([np.tile(middle[:2], (50, 1)), np.linspace(0.0, 400.0, 50)])
-    coverage, refly, _ = plan(hidden, mast)
+    masts = np.concatenate([np.column_stack([
+        np.tile([middle[0], y], (50, 1)), np.linspace(0.0, 400.0, 50),
+    ]) for y in (middle[1], -middle[1])])
+    coverage, refly, _ = plan(hidden, masts)
     assert coverage.gaps
     assert refly.runs == refly.kinds == ()
     assert refly.places.shape == (0, 3)
 
 
 def test_other_side_is_reached_over_the_conductors():
-    _, refly, wires = plan(lambda x, y: (np.abs(y) > 2.0) & (np.abs(y) < 14.0) & (x < 60.0))
+    spans = [make_span((-50.0, y, 20.0), (250.0, y, 20.0), int(y > 0.0), 0) for y in (-2.0, 2.0)]
+    _, refly, wires = plan(
+        lambda x, y: (np.abs(y) > 2.0) & (np.abs(y) < 14.0) & (np.abs(x - 100.0) < 9.0),
+        spans=spans,
+    )
     assert {run.is_left for run in refly.runs} == {True, False}
     assert Kind.TRANSIT in refly.kinds
     top = refly.places[np.array(refly.kinds) == Kind.TRANSIT, 2]
     assert top.min() >= wires[:, 2].max()
+
+
+def test_ground_is_passed_low_and_conductors_at_their_height():
+    (span,) = spans = [make_span((-60.0, 0.0, 40.0), (200.0, 0.0, 40.0), 0, 0)]
+    points = sample_points(span)
+    points = points[np.abs(points[:, 0] - 70.0) > 20.0]
+    x, y = np.mgrid[-200.0:340.0:0.5, -80.0:80.0:0.5].reshape(2, -1)
+    keep = (x < 50.0) | (x > 90.0) | (np.abs(y) > 15.0)
+    floor = np.column_stack([x, y, np.zeros(len(x))])[keep]
+    ground = see_ground(floor, np.zeros(len(floor), dtype=bool))
+    (section,) = find_sections(spans)
+    sight = look_at_section(section, [points], ground, None)
+    refly = plan_refly(Coverage(sections=(sight,)), ground)
+    assert {gap.part for gap in sight.gaps} == {*Part}
+    for run in refly.runs:
+        parts = {sight.gaps[number].part for number in run.gaps}
+        is_low = Part.CONDUCTOR not in parts
+        assert len(parts) == 1 or is_low
+        high = span.heights(run.places[:, 0] + 60.0) + ABOVE
+        assert run.places[:, 2] == pytest.approx(LOW if is_low else high, abs=1.0)
+        lead = LOW_LEAD if is_low else LEAD
+        assert run.places[:, 0].min() == pytest.approx(50.0 - lead, abs=6.0)
+
+
+def test_unseen_ground_is_passed_as_high_as_trees_beside_it_and_not_too_steeply():
+    spans = [make_span((-60.0, 0.0, 40.0), (200.0, 0.0, 40.0), 0, 0)]
+    x, y, z = np.mgrid[44.0:50.0, -30.0:50.0, 0.0:21.0].reshape(3, -1)
+    trees = np.concatenate([np.column_stack([x, y, z]), np.column_stack([x + 47.0, y, z])])
+    _, refly, _ = plan(lambda x, y: (x > 50.0) & (x < 90.0) & (y > -30.0), trees, spans=spans)
+    for run in refly.runs:
+        if run.is_left:
+            over = (run.places[:, 0] > 55.0) & (run.places[:, 0] < 85.0)
+            assert over.any()
+            assert run.places[over, 2] == pytest.approx(20.0 + OBSTACLES, abs=0.5)
+        legs = np.diff(run.places, axis=0)
+        assert (np.abs(legs[:, 2]) <= MOST_SLOPE * np.hypot(*legs[:, :2].T) + 1e-9).all()
