@@ -36,11 +36,12 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         'grid', 'for many inputs, or one that is divided into tiles; see docs/grid.md'
     )
-    group.add_argument(
+    engine = group.add_mutually_exclusive_group()
+    engine.add_argument(
         '--workers', type=int, metavar='N',
         help='processes that inspect tiles, a core each (default: this one, with all cores)',
     )
-    group.add_argument(
+    engine.add_argument(
         '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
     )
     group.add_argument(

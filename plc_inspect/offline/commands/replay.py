@@ -201,11 +201,12 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help='WGS 84 place of the origin of the odometry (x east, y north)',
     )
     group = parser.add_argument_group('flights', 'for many recordings; see docs/grid.md')
-    group.add_argument(
+    engine = group.add_mutually_exclusive_group()
+    engine.add_argument(
         '--workers', type=int, metavar='N',
         help='processes that replay flights, a core each (default: this one, with all cores)',
     )
-    group.add_argument(
+    engine.add_argument(
         '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
     )
     group.add_argument('--memory', type=float, metavar='GB', help='memory of each worker')

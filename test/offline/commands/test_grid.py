@@ -712,6 +712,9 @@ def test_a_cloud_larger_than_memory_is_told_before_it_is_read(
 def test_wrong_options_are_refused(folder, tmp_path, capsys):
     out, cloud = tmp_path / 'out', folder / 'a.laz'
     assert '--workers must be 1 or more' in refuse(capsys, cloud, '-o', out, '--workers', '0')
+    with pytest.raises(SystemExit, match='2'):
+        refuse(capsys, cloud, '-o', out, '--workers', '2', '--scheduler', 'tcp://127.0.0.1:8786')
+    assert '--scheduler: not allowed with argument --workers' in capsys.readouterr().err
     assert 'are too few' in refuse(capsys, cloud, '-o', out, '--memory', '0.5')
     for value in ('nan', '0', '1e300'):
         line = refuse(capsys, cloud, '-o', out, '--memory', value)
