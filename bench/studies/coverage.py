@@ -42,8 +42,14 @@ from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.puck import Puck, Scan
 from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors, Trajectory
 
-KINDS = ('conductors', 'scans', 'ground', 'side')
-"""What is hidden: a third of conductors, a third of scans, ground behind houses, a side."""
+SCENES = {
+    'conductors': 'hidden', 'scans': 'high_voltage', 'ground': 'street', 'side': 'double_circuit',
+    'valley': 'valley',
+}
+"""
+Scene in which something is hidden: a third of conductors, a third of scans, ground behind houses,
+a side that is passed far out, and the same with the ground deep below.
+"""
 NOISE = 0.02
 """Standard deviation of points [m]."""
 NEAR = 3.0
@@ -135,14 +141,13 @@ def measure_closed(scene: Scene, first: Seen, then: Seen) -> dict[Part, tuple[fl
 
 def hide(kind: str, seed: int) -> tuple[Scene, Scene, FlightPlan, tuple[float, float]]:
     """Return a scene with something hidden and without, how to fly, and shares of lost scans."""
-    name = {'conductors': 'hidden', 'scans': 'high_voltage', 'ground': 'street',
-            'side': 'valley'}[kind]
+    name = SCENES[kind]
     scene = make_scene(name, seed)
     whole = replace(scene, conductors=tuple(
         replace(item, hidden=None) for item in scene.conductors
     ))
     plan = PLANS[name]
-    if kind == 'side':  # far out on one side, low above the slope
+    if kind in ('side', 'valley'):  # far out on one side, low
         plan = replace(plan, lateral=35.0, height=-4.0)
     return scene, whole, plan, (0.33, 0.66) if kind == 'scans' else (2.0, 2.0)
 
@@ -170,7 +175,7 @@ def run(kind: str, seed: int) -> tuple[Seen, Refly, dict[Part, tuple[float, floa
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly and fly again; return 1 where a figure misses its limit."""
     parser = argparse.ArgumentParser(description='What a second flight sees of what is listed.')
-    parser.add_argument('--kinds', nargs='*', default=KINDS, choices=KINDS)
+    parser.add_argument('--kinds', nargs='*', default=tuple(SCENES), choices=tuple(SCENES))
     parser.add_argument('--seed', type=int, default=0)
     arguments = parser.parse_args(argv)
     rows, good = [], True

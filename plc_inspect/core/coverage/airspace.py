@@ -29,12 +29,6 @@ Distance before and after a stretch at which its run begins and ends, and beyond
 which conductors are extrapolated [m].
 Source: derived: 15 degrees below the horizon the ground 10 m below is met after 37 m.
 """
-LOW = 15.0
-"""
-Height above the ground at which ground is passed if the conductors are higher [m].
-Source: derived: the lowest three rings of a Puck, 15 to 11 degrees below the horizon, meet the
-ground within PASS; of conductors of high voltage hardly the lowest one does.
-"""
 NUM_NEAR, MOST_NEAR = 16, PASS
 """
 Seen cells nearest to a place that tell what stands there, up to this distance [m].
@@ -96,11 +90,11 @@ class Airspace:
 
     @cached_property
     def seen(self) -> tuple['cKDTree', Float64]:
-        """Kd-tree of the seen cells, and their least and greatest heights, (K + 1, 2) [m]."""
+        """Kd-tree of the seen cells, and their heights and that of none, inf, (K + 1,) [m]."""
         from scipy.spatial import cKDTree
 
         middles, heights = self.ground.list_seen()
-        return cKDTree(middles), np.vstack([heights, [[np.inf, -np.inf]]])
+        return cKDTree(middles), np.append(heights, np.inf)
 
     def is_known(self, places: Float64) -> Bool:
         """Return near which positions (N, 2+) most was seen."""
@@ -109,12 +103,10 @@ class Airspace:
         return known
 
     def find_low(self, places: Float64) -> Float64:
-        """Return heights (N,) from which ground at positions (N, 2+) is seen, inf if unknown."""
+        """Return the least safe height (N,) above what is nearest to positions (N, 2+) [m]."""
         tree, heights = self.seen
         _, at = tree.query(places[:, :2], k=NUM_NEAR, distance_upper_bound=MOST_NEAR)
-        low: Float64 = np.maximum(
-            heights[at, 0].min(axis=1) + LOW, heights[at, 1].max(axis=1) + OBSTACLES
-        )
+        low: Float64 = heights[at].max(axis=1) + OBSTACLES
         return low
 
     def is_apart(self, places: Float64) -> Bool:

@@ -31,7 +31,15 @@ from plc_inspect.core.coverage.seen_ground import SeenGround
 from plc_inspect.results import Bool, Float64, Span
 
 LOW_LEAD = PASS
-"""LEAD of ground that is passed at LOW [m].  Source: derived: where rings meet it."""
+"""
+The same where ground is passed low [m].
+Source: derived: where the lowest rings of a Puck, 15 to 11 degrees below the horizon, meet it.
+"""
+MISSED = 8.0
+"""
+Height above conductors in which there may be one that was not found [m].
+Source: judgement: an earth wire, which is thin, above the phases.
+"""
 ABOVE = 4.0
 """
 Height above the highest conductor [m].
@@ -285,12 +293,12 @@ def _cross(first: Float64, last: Float64, space: Airspace) -> Float64:
     level, _ = sample_path(np.array([[*first[:2], 0.0], [*last[:2], 0.0]]))
     top = max(
         float(space.find_floor(level).max()), float(first[2]), float(last[2]),
-        float(near[:, 2].max()) + space.least if len(near) else -np.inf,
+        float(near[:, 2].max()) + space.least + MISSED if len(near) else -np.inf,
     )
     if not is_known:
         tree, heights = space.seen
         beside = _lies_along(tree.data, first, last, reach)
-        top = max(top, float(heights[:-1][beside, 1].max(initial=-np.inf)) + OBSTACLES)
+        top = max(top, float(heights[:-1][beside].max(initial=-np.inf)) + OBSTACLES)
     return np.array([[*first[:2], top], [*last[:2], top]])
 
 

@@ -50,10 +50,8 @@ class SeenGround:
     """(M,) points that are not of conductors."""
     top: Float64
     """(M,) greatest height of all points [m]."""
-    bottom: Float64
-    """(M,) least height of points that are not of conductors, inf without one [m]."""
     cover: Float64
-    """(M,) greatest height of those, -inf without one [m]."""
+    """(M,) greatest height of points that are not of conductors, -inf without one [m]."""
 
     def is_seen(self, places: Float64) -> Bool:
         """
@@ -109,12 +107,12 @@ class SeenGround:
         -------
         middles : (K, 2) float64
             Their middles, map frame [m].
-        heights : (K, 2) float64
-            Least and greatest height of points that are not of conductors [m].
+        heights : (K,) float64
+            Greatest height of points that are not of conductors [m].
 
         """
         seen = self.num_points >= LEAST_POINTS
-        return _unpack(self.keys[seen]), np.column_stack([self.bottom, self.cover])[seen]
+        return _unpack(self.keys[seen]), self.cover[seen]
 
     def _find(self, places: Float64) -> tuple[Int64, Bool]:
         """Return the row of each position's cell, and whether that cell exists."""
@@ -144,15 +142,13 @@ def see_ground(points: Float64, is_wire: Bool) -> SeenGround:
     """
     keys, num_points, heights = _gather(points, is_wire)
     order = np.argsort(keys)
-    top, bottom, cover = heights[order].T
-    return SeenGround(
-        keys=keys[order], num_points=num_points[order], top=top, bottom=bottom, cover=cover,
-    )
+    top, cover = heights[order].T
+    return SeenGround(keys=keys[order], num_points=num_points[order], top=top, cover=cover)
 
 
 @njit(cache=True, nogil=True)
 def _gather(points, is_wire):  # type: ignore[no-untyped-def]
-    """Return key of each cell in order of its first point, points, and top, bottom and cover."""
+    """Return key of each cell in order of its first point, points, top and cover."""
     keys, num_points, heights = _make_room(INITIAL_CELLS)
     table = make_table(len(keys))
     used = 0
@@ -182,16 +178,13 @@ def _gather(points, is_wire):  # type: ignore[no-untyped-def]
         heights[slot, 0] = max(heights[slot, 0], z)
         if not is_wire[i]:
             num_points[slot] += 1
-            heights[slot, 1] = min(heights[slot, 1], z)
-            heights[slot, 2] = max(heights[slot, 2], z)
+            heights[slot, 1] = max(heights[slot, 1], z)
     return keys[:used], num_points[:used], heights[:used]
 
 
 @njit(cache=True, nogil=True)
 def _make_room(num):  # type: ignore[no-untyped-def]
-    heights = np.full((num, 3), -np.inf)
-    heights[:, 1] = np.inf
-    return np.empty(num, np.int64), np.zeros(num, np.int64), heights
+    return np.empty(num, np.int64), np.zeros(num, np.int64), np.full((num, 2), -np.inf)
 
 
 def _pack(places: Float64) -> Int64:

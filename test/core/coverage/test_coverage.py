@@ -129,7 +129,7 @@ def test_seen_cells_tell_the_heights_of_all_but_conductors():
     is_wire = np.array([False, False, True, False, False, False, True, True])
     middles, heights = see_ground(points, is_wire).list_seen()
     assert middles.tolist() == [[-3.75, 1.25], [8.75, -1.25]]
-    assert heights.tolist() == [[0.5, 7.0], [-3.0, -2.0]]
+    assert heights.tolist() == [7.0, -2.0]
 
 
 def test_open_end_goes_on_for_a_while_or_half_way_to_the_one_that_faces_it():

@@ -9,9 +9,16 @@ import numpy as np
 import pytest
 from spans import make_span, sample_points
 
-from plc_inspect.core.coverage.airspace import LEAD, LOW, NEAR, OBSTACLES, SAFE
+from plc_inspect.core.coverage.airspace import LEAD, NEAR, OBSTACLES, SAFE
 from plc_inspect.core.coverage.coverage import Coverage, look_at_section, Part
-from plc_inspect.core.coverage.refly import ABOVE, Kind, LOW_LEAD, MOST_SLOPE, plan_refly
+from plc_inspect.core.coverage.refly import (
+    ABOVE,
+    Kind,
+    LOW_LEAD,
+    MISSED,
+    MOST_SLOPE,
+    plan_refly,
+)
 from plc_inspect.core.coverage.sections import find_sections
 from plc_inspect.core.coverage.seen_ground import see_ground
 
@@ -210,8 +217,9 @@ def test_other_side_is_reached_over_the_conductors():
     )
     assert {run.is_left for run in refly.runs} == {True, False}
     assert Kind.TRANSIT in refly.kinds
-    top = refly.places[np.array(refly.kinds) == Kind.TRANSIT, 2]
-    assert top.min() >= wires[:, 2].max()
+    over = refly.places[np.array(refly.kinds) == Kind.TRANSIT]
+    near = wires[(wires[:, 0] > over[:, 0].min()) & (wires[:, 0] < over[:, 0].max() + 1.0)]
+    assert over[:, 2].min() >= near[:, 2].max() + SAFE + MISSED
 
 
 def test_ground_is_passed_low_and_conductors_at_their_height():
@@ -231,7 +239,7 @@ def test_ground_is_passed_low_and_conductors_at_their_height():
         is_low = Part.CONDUCTOR not in parts
         assert len(parts) == 1 or is_low
         high = span.heights(run.places[:, 0] + 60.0) + ABOVE
-        assert run.places[:, 2] == pytest.approx(LOW if is_low else high, abs=1.0)
+        assert run.places[:, 2] == pytest.approx(OBSTACLES if is_low else high, abs=1.0)
         lead = LOW_LEAD if is_low else LEAD
         assert run.places[:, 0].min() == pytest.approx(50.0 - lead, abs=6.0)
 
