@@ -29,10 +29,10 @@ Distance before and after a stretch at which its run begins and ends, and beyond
 which conductors are extrapolated [m].
 Source: derived: 15 degrees below the horizon the ground 10 m below is met after 37 m.
 """
-NUM_NEAR, MOST_NEAR = 16, PASS
+NUM_NEAR, MOST_NEAR = 4, PASS
 """
 Seen cells nearest to a place that tell what stands there, up to this distance [m].
-Source: judgement: a square of 10 m where all was seen; vegetation is alike so far.
+Source: judgement: a square of 5 m where all was seen; what stands out of what was not is seen.
 """
 OBSTACLES, NEAR = 8.0, 10.0
 """
@@ -47,7 +47,7 @@ SAMPLE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Airspace:
-    """Airspace of the path."""
+    """Where a vehicle may fly."""
 
     wires: Float64
     """(N, 3) positions along all conductors [m]."""
@@ -104,10 +104,19 @@ class Airspace:
 
     def find_low(self, places: Float64) -> Float64:
         """Return the least safe height (N,) above what is nearest to positions (N, 2+) [m]."""
+        low: Float64 = self._find_nearest(places).max(axis=1) + OBSTACLES
+        return low
+
+    def find_ground(self, places: Float64) -> Float64:
+        """Return the height (N,) of the lowest of what is nearest to positions (N, 2+) [m]."""
+        low: Float64 = self._find_nearest(places).min(axis=1)
+        return low
+
+    def _find_nearest(self, places: Float64) -> Float64:
         tree, heights = self.seen
         _, at = tree.query(places[:, :2], k=NUM_NEAR, distance_upper_bound=MOST_NEAR)
-        low: Float64 = heights[at].max(axis=1) + OBSTACLES
-        return low
+        found: Float64 = heights[at]
+        return found
 
     def is_apart(self, places: Float64) -> Bool:
         """Return which positions (N, 3) are far enough from conductors."""

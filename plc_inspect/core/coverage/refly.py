@@ -35,6 +35,14 @@ LOW_LEAD = PASS
 The same where ground is passed low [m].
 Source: derived: where the lowest rings of a Puck, 15 to 11 degrees below the horizon, meet it.
 """
+ASIDES = (0.0, 12.0, 24.0)
+"""
+Distances beyond the safe one at which ground may be passed: that from which most is seen [m].
+Source: derived: 15 degrees below the horizon the ground 8 m below is met after 30 m, and the
+corridor is 10 m wide.
+"""
+DOWN = 13.0
+"""Lowest direction of view that is planned with [deg].  Source: derived: the second ring."""
 MISSED = 8.0
 """
 Height above conductors in which there may be one that was not found [m].
@@ -148,14 +156,26 @@ def plan_refly(
             # what trees hide from one side may be seen from the other
             for is_left in (own, not own) if is_low else (own,):
                 passes.setdefault((is_left, is_low), []).append((place, gap))
+        seen: dict[tuple[int, ...], Bool] = {}
         for (is_left, is_low), chosen in passes.items():
-            lead = LOW_LEAD if is_low else LEAD
+            lead, asides = (LOW_LEAD, ASIDES) if is_low else (LEAD, ASIDES[:1])
             for low, high, held in _merge(chosen, lead):
-                places = _lay_run(item.section, (low, high, lead), is_left, is_low, space)
-                if places is not None:
-                    runs.append(Run(
-                        span_id=item.section.span_id, is_left=is_left, gaps=held, places=places,
-                    ))
+                laid = [
+                    _lay_run(item.section, (low, high, lead), (is_left, aside, is_low), space)
+                    for aside in asides
+                ]
+                ways = [way for way in laid if way is not None]
+                if not ways:
+                    continue
+                targets = np.concatenate([gap.places for place, gap in chosen if place in held])
+                views = [
+                    _see(targets, way, space) | seen.get(held, np.False_) for way in ways
+                ]
+                best = int(np.argmax([view.sum() for view in views]))
+                seen[held] = views[best]
+                runs.append(Run(
+                    span_id=item.section.span_id, is_left=is_left, gaps=held, places=ways[best],
+                ))
     return _order(runs, space, start)
 
 
@@ -179,11 +199,22 @@ def _merge(
     return merged
 
 
+def _see(targets: Float64, way: Float64, space: Airspace) -> Bool:
+    """Return which places (N, 2+) on the ground come into view along a way (K, 3)."""
+    ground = space.find_ground(targets)
+    at, _ = sample_path(way)
+    apart = np.linalg.norm(targets[:, None, :2] - at[None, :, :2], axis=2)
+    below = at[None, :, 2] - ground[:, None]
+    seen: Bool = ((apart <= PASS) & (below <= np.tan(np.deg2rad(DOWN)) * apart)).any(axis=1)
+    return seen
+
+
 def _lay_run(
-    section: Section, stretch: tuple[float, float, float], is_left: bool, is_low: bool,
+    section: Section, stretch: tuple[float, float, float], side: tuple[bool, float, bool],
     space: Airspace,
 ) -> Float64 | None:
-    aside = 2.0 * space.least - space.safe  # so that rounding does not lift it
+    is_left, more, is_low = side
+    aside = 2.0 * space.least - space.safe + more  # so that rounding does not lift it
     y = section.left + aside if is_left else section.right - aside
     low, high = _find_ends(section, stretch, y, space)
     x = np.linspace(low, high, 2 + int((high - low) / MOST_STEP))
