@@ -84,7 +84,7 @@ def test_report_says_that_not_seen_is_not_safe(run, folder):
 ])
 def test_gaps_that_no_run_covers_are_told(run, is_part, text):
     sight = review_coverage(run)
-    runs = sight.refly.runs[:-1] if is_part else ()
+    runs = sight.refly.runs[:1] if is_part else ()
     kept = [number for number, own in enumerate(sight.refly.run) if own < len(runs)]
     sight = replace(sight, refly=replace(
         sight.refly, runs=runs, places=sight.refly.places[kept],
