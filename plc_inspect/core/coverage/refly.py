@@ -158,19 +158,13 @@ def plan_refly(
                 passes.setdefault((is_left, is_low), []).append((place, gap))
         seen: dict[tuple[int, ...], Bool] = {}
         for (is_left, is_low), chosen in passes.items():
-            lead, asides = (LOW_LEAD, ASIDES) if is_low else (LEAD, ASIDES[:1])
+            lead = LOW_LEAD if is_low else LEAD
             for low, high, held in _merge(chosen, lead):
-                laid = [
-                    _lay_run(item.section, (low, high, lead), (is_left, aside, is_low), space)
-                    for aside in asides
-                ]
-                ways = [way for way in laid if way is not None]
+                ways = _lay_runs(item.section, (low, high, lead), is_left, is_low, space)
                 if not ways:
                     continue
                 targets = np.concatenate([gap.places for place, gap in chosen if place in held])
-                views = [
-                    _see(targets, way, space) | seen.get(held, np.False_) for way in ways
-                ]
+                views = [_see(targets, way, space) | seen.get(held, np.False_) for way in ways]
                 best = int(np.argmax([view.sum() for view in views]))
                 seen[held] = views[best]
                 runs.append(Run(
@@ -209,13 +203,23 @@ def _see(targets: Float64, way: Float64, space: Airspace) -> Bool:
     return seen
 
 
-def _lay_run(
-    section: Section, stretch: tuple[float, float, float], side: tuple[bool, float, bool],
+def _lay_runs(
+    section: Section, stretch: tuple[float, float, float], is_left: bool, is_low: bool,
     space: Airspace,
+) -> list[Float64]:
+    """Return the safe ones of the ways (K, 3) along a stretch with a lead [m], nearest first."""
+    aside = 2.0 * space.least - space.safe  # so that rounding does not lift it
+    left, right = section.left + aside, section.right - aside
+    ways = [
+        _lay_run(section, stretch, left + more if is_left else right - more, is_low, space)
+        for more in (ASIDES if is_low else ASIDES[:1])
+    ]
+    return [way for way in ways if way is not None]
+
+
+def _lay_run(
+    section: Section, stretch: tuple[float, float, float], y: float, is_low: bool, space: Airspace,
 ) -> Float64 | None:
-    is_left, more, is_low = side
-    aside = 2.0 * space.least - space.safe + more  # so that rounding does not lift it
-    y = section.left + aside if is_left else section.right - aside
     low, high = _find_ends(section, stretch, y, space)
     x = np.linspace(low, high, 2 + int((high - low) / MOST_STEP))
     inside = np.clip(x, 0.0, section.high)
@@ -245,7 +249,7 @@ def _find_ends(
         begin = float(np.clip(begin, first, last))
         x = begin + sign * np.arange(0.0, lead + STEP, STEP)
         good = space.is_known(section.leave(x, y)) | ((x >= first) & (x <= last))
-        ends.append(float(x[np.flatnonzero(np.append(~good, True))[0] - 1]) if good[0] else begin)
+        ends.append(float(x[np.flatnonzero(np.append(~good, True))[0] - 1]))
     return ends[0], ends[1]
 
 

@@ -128,6 +128,20 @@ def test_way_over_what_was_not_seen_is_above_all_beside_it():
     assert refly.places[:2, 2].min() >= 25.0 + OBSTACLES
 
 
+@pytest.mark.parametrize('is_seen', [True, False])
+def test_no_run_goes_beyond_known_conductors_where_nothing_was_seen(is_seen):
+    """The line may turn there."""
+    span = make_span((0.0, 0.0, 40.0), (150.0, 0.0, 40.0), 0, 0, is_open=(False, True))
+    gap = lambda x, y: (np.abs(y) < 12.0) & (np.abs(x - 130.0) < 15.0)  # noqa: E731
+    coverage, refly, _ = plan(
+        lambda x, y: gap(x, y) | ((x > 152.0) if not is_seen else (x > np.inf)), spans=[span],
+    )
+    assert {gap.part for gap in coverage.gaps} == {*Part}
+    assert len(refly.runs) > 1
+    for run in refly.runs:
+        assert (run.places[:, 0].max() > 152.0 + NEAR) == is_seen
+
+
 @pytest.mark.usefixtures('one_way')
 def test_way_goes_over_a_tree_that_was_seen():
     tree = np.column_stack([np.full(50, 50.0), np.full(50, 22.0), np.linspace(0.0, 35.0, 50)])
