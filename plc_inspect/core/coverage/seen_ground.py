@@ -89,14 +89,11 @@ class SeenGround:
             Height [m], -inf where nothing was seen.
 
         """
-        top = np.full(len(places), -np.inf)
-        num = int(np.ceil(reach / CELL))
-        for i in range(-num, num + 1):
-            for j in range(-num, num + 1):
-                if np.hypot(max(abs(i) - 1, 0), max(abs(j) - 1, 0)) * CELL > reach:
-                    continue
-                at, found = self._find(places[:, :2] + np.array([i, j]) * CELL)
-                top[found] = np.maximum(top[found], self.top[at[found]])
+        steps = np.arange(int(np.ceil(reach / CELL)) + 1)
+        apart = np.maximum(steps - 1, 0) * CELL
+        # of each row of cells, how many to either side may hold a point within reach
+        widths = (np.hypot(apart[:, None], apart) <= reach).sum(axis=1) - 1
+        top: Float64 = _find_top(self.keys, self.top, _pack(places), widths)
         return top
 
     def list_seen(self) -> tuple[Float64, Float64]:
@@ -180,6 +177,20 @@ def _gather(points, is_wire):  # type: ignore[no-untyped-def]
             num_points[slot] += 1
             heights[slot, 1] = max(heights[slot, 1], z)
     return keys[:used], num_points[:used], heights[:used]
+
+
+@njit(cache=True, nogil=True)
+def _find_top(keys, tops, places, widths):  # type: ignore[no-untyped-def]
+    """Return the greatest height (N,) of the cells about those of places (N,), -inf for none."""
+    result = np.full(len(places), -np.inf)
+    for n in range(len(places)):
+        for i in range(1 - len(widths), len(widths)):
+            first = places[n] + i * _SHIFT - widths[abs(i)]
+            k = np.searchsorted(keys, first)
+            while k < len(keys) and keys[k] <= first + 2 * widths[abs(i)]:
+                result[n] = max(result[n], tops[k])
+                k += 1
+    return result
 
 
 @njit(cache=True, nogil=True)

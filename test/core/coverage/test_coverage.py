@@ -17,7 +17,7 @@ from plc_inspect.core.coverage.coverage import (
     SIDE,
 )
 from plc_inspect.core.coverage.sections import BEYOND, find_reach, find_sections
-from plc_inspect.core.coverage.seen_ground import LEAST_POINTS, see_ground
+from plc_inspect.core.coverage.seen_ground import CELL, LEAST_POINTS, see_ground
 from plc_inspect.core.mapping import flown_way
 from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.pipeline import Pipeline
@@ -119,6 +119,23 @@ def test_wires_say_nothing_of_the_ground():
     nothing = see_ground(np.full((2, 3), np.nan), np.zeros(2, dtype=bool))
     assert not nothing.is_seen(wires).any()
     assert np.isneginf(nothing.find_top(wires, 5.0)).all()
+
+
+@pytest.mark.parametrize('reach', [0.0, 2.5, 7.1, 12.0])
+def test_top_of_all_points_near(reach):
+    rng = np.random.default_rng(7)
+    points = np.column_stack([rng.uniform(-60.0, 60.0, (400, 2)), rng.normal(0.0, 9.0, 400)])
+    places = np.vstack([points[:9, :2], rng.uniform(-90.0, 90.0, (300, 2))])
+    found = see_ground(points, rng.random(400) < 0.5).find_top(places, reach)
+    apart = np.linalg.norm(places[:, None] - points[:, :2], axis=2)
+    least, most = (
+        np.where(apart <= limit, points[:, 2], -np.inf).max(axis=1)
+        for limit in (reach, reach + np.hypot(2.0, 2.0) * CELL)
+    )
+    assert (least <= found).all()
+    assert (found <= most).all()
+    assert np.isfinite(least).any()
+    assert np.isneginf(most).any()
 
 
 def test_seen_cells_tell_the_heights_of_all_but_conductors():
