@@ -4,12 +4,12 @@
 """
 Time and memory of a grid: beside a single survey, with more workers, and in the plan alone.
 
-A simulated corridor, copies of one laid end to end, is surveyed in one run and as a grid with each
-number of workers, by turns in processes of their own; printed are times, points a second, ratios
-to the single survey, also by processor time, which a busy machine changes less, the load, and the
-peak memory of the parent and of tiles.  ``--empty N`` plans a grid
-of N tiles that hold a few points each.  A cloud that no single run can hold is surveyed as a grid
-alone, with ``--allowed GB`` as the address space of each process.
+A simulated corridor, copies of one laid end to end, is surveyed as a grid with each number of
+workers, and its first copies in one run, by turns in processes of their own; printed are times,
+points a second, ratios to the single survey for each point, also by processor time, which a busy
+machine changes less, the load, and the peak memory of the parent and of tiles.  ``--empty N``
+plans a grid of N tiles that hold a few points each. A cloud that no single run can hold is
+surveyed as a grid alone, with ``--allowed GB`` as the address space of each process.
 """
 
 import argparse
@@ -33,6 +33,8 @@ from plc_inspect.grid.cells.layout import lay_cells, lay_tiles
 from plc_inspect.grid.cells.sources import read_sources
 
 GAP = 0.0
+SINGLE_COPIES = 10
+"""Copies of the single survey: 10 million points."""
 COLUMNS = ('run', 'time [s]', 'processor [s]', 'points/s', 'to single', 'by processor', 'load',
            'parent [GB]', 'largest tile [GB]', 'tiles', 'read/points')
 RUN = (
@@ -81,16 +83,19 @@ def run(*arguments: str, allowed: float = 0.0) -> tuple[float, float, float]:
 
 
 def measure(
-    path: Path, num_points: int, workers: Sequence[int], options: Sequence[str], allowed: float
+    path: Path, num_points: int, part: Path, num_part: int, workers: Sequence[int],
+    options: Sequence[str], allowed: float,
 ) -> list:
-    """Return the rows of a single survey, unless memory is limited, and of grids."""
+    """Return the rows of a single survey of a part, unless memory is limited, and of grids."""
     rows, single, single_busy = [], np.nan, np.nan
     with tempfile.TemporaryDirectory(dir=path.parent) as room:
         if not allowed:
-            single, single_busy, peak = run(str(path), '-o', f'{room}/single')
+            seconds, busy, peak = run(str(part), '-o', f'{room}/single')
+            single, single_busy = seconds / num_part, busy / num_part
             rows.append((
-                'single', f'{single:.1f}', f'{single_busy:.1f}', f'{num_points / single:,.0f}',
-                '1.00', '1.00', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}', '-', '-', '-',
+                f'single, {num_part:,} points', f'{seconds:.1f}', f'{busy:.1f}',
+                f'{num_part / seconds:,.0f}', '1.00', '1.00', f'{os.getloadavg()[0]:.1f}',
+                f'{peak / 1e9:.2f}', '-', '-', '-',
             ))
         for num in workers:
             out = Path(room) / f'grid{num}'
@@ -100,8 +105,9 @@ def measure(
             tiles = read_answers(out)
             rows.append((
                 name, f'{seconds:.1f}', f'{busy:.1f}',
-                f'{num_points / seconds:,.0f}', f'{seconds / single:.2f}',
-                f'{busy / single_busy:.2f}', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}',
+                f'{num_points / seconds:,.0f}', f'{seconds / num_points / single:.2f}',
+                f'{busy / num_points / single_busy:.2f}', f'{os.getloadavg()[0]:.1f}',
+                f'{peak / 1e9:.2f}',
                 f'{max(item["peak_memory"] for item in tiles) / 1e9:.2f}', str(len(tiles)),
                 f'{sum(item["num_read"] for item in tiles) / num_points:.2f}',
             ))
@@ -166,11 +172,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.workers:
         with open_cache(arguments.cache) as cache, \
                 tempfile.TemporaryDirectory(dir=arguments.room) as room:
-            path = write_corridor(
-                Path(room) / 'corridor.las', cache, arguments.points, arguments.copies
+            copies = min(arguments.copies, SINGLE_COPIES)
+            path, part = (
+                write_corridor(Path(room) / name, cache, arguments.points, number)
+                for name, number in (('corridor.las', arguments.copies), ('part.las', copies))
             )
             rows += measure(
-                path, num, arguments.workers, arguments.options, 1e9 * arguments.allowed
+                path, num, part, arguments.points * copies, arguments.workers,
+                arguments.options, 1e9 * arguments.allowed,
             )
     print(render_table(COLUMNS, rows))
     return 0

@@ -63,7 +63,10 @@ class Task:
     function: Callable[..., dict[str, Any]]
     arguments: tuple[Any, ...]
     size: int = 0
-    """Roughly what it has to do; the largest run first, so that no worker idles at the end."""
+    """
+    Roughly what it has to do; of a stage the largest run first, so that no worker idles long.
+    """
+    stage: str = ''
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +81,7 @@ class Outcome:
     """The error is a defect of the program, not of its input."""
     seconds: float = 0.0
     worker: str = ''
+    stage: str = ''
 
 
 class Engine(Protocol):
@@ -110,7 +114,7 @@ def call(task: Task) -> Outcome:
     except Exception as fault:  # one tile may not end the others
         error, is_defect = f'{type(fault).__name__}: {make_one_line(fault)}', True
     return Outcome(
-        name=task.name, answer=answer, error=error, is_defect=is_defect,
+        name=task.name, stage=task.stage, answer=answer, error=error, is_defect=is_defect,
         seconds=time.perf_counter() - started, worker=f'{os.uname().nodename} {os.getpid()}',
     )
 
@@ -152,23 +156,23 @@ class DaskEngine:
         from distributed import as_completed
 
         waiting = iter(tasks)
-        names: dict[str, str] = {}
+        sent: dict[str, Task] = {}
         running = as_completed()
         try:
             for task in waiting:
                 future = self._client.submit(call, task, pure=False)
-                names[future.key] = task.name
+                sent[future.key] = task
                 running.add(future)
-                if len(names) >= PENDING * self.num_workers:
-                    yield self._take(next(running), names)
-            while names:
-                yield self._take(next(running), names)
+                if len(sent) >= PENDING * self.num_workers:
+                    yield self._take(next(running), sent)
+            while sent:
+                yield self._take(next(running), sent)
         except BaseException:
             self._client.cancel(list(running.futures), force=True)
             raise
 
-    def _take(self, future: Any, names: dict[str, str]) -> Outcome:
-        name = names.pop(future.key)
+    def _take(self, future: Any, sent: dict[str, Task]) -> Outcome:
+        task = sent.pop(future.key)
         error = future.exception()
         if error is None:
             outcome: Outcome = future.result()
@@ -179,7 +183,7 @@ class DaskEngine:
                 f'{ALLOWED_FAILURES + 1} workers died at it one after the other,'
                 ' perhaps for lack of memory'
             )
-        return Outcome(name=name, answer=None, error=text)
+        return Outcome(name=task.name, stage=task.stage, answer=None, error=text)
 
 
 @contextmanager

@@ -24,7 +24,8 @@ from plc_inspect.grid.joining import join_tiles, JoinedGrid
 from plc_inspect.grid.ledger import make_key
 from plc_inspect.grid.ledger_table import write_ledger_table
 from plc_inspect.grid.run import CutGrid, GridRun
-from plc_inspect.grid.sections import write_reports
+from plc_inspect.grid.sections import plan_reports
+from plc_inspect.grid.stage import Stage
 from plc_inspect.grid.tiles.plain_results import read_found
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.grid.tiles.tile_points import PointsFormat, write_tile_points
@@ -111,9 +112,9 @@ def write_grid(
     done = [job for job in jobs if job.tile.name in answers]
     joined = join_tiles([read_found(job.place, job.tile.number) for job in done])
     units = Units(horizontal=sources[0].units[0], vertical=sources[0].units[1])
-    written = _write_points(run, sources, done, joined)
-    reports = write_reports(
-        run, run.folder / TILE_FOLDER, done, joined, sources[0].crs, units
+    written, reports = run.run_together(
+        _plan_points(run, sources, done, joined),
+        plan_reports(run, run.folder / TILE_FOLDER, done, joined, sources[0].crs, units),
     )
     failures = (
         *(('input', item.path, item.error) for item in refusals), *run.ledger.list_failures(),
@@ -200,9 +201,10 @@ def choose_format(sources: Sequence[Source]) -> PointsFormat:
     )
 
 
-def _write_points(
+def _plan_points(
     run: GridRun, sources: Sequence[Source], jobs: Sequence[TileJob], joined: JoinedGrid
-) -> dict[str, dict[str, Any]]:
+) -> Stage:
+    """Return what writes the points of all tiles; folders of other tiles are removed."""
     form = choose_format(sources)
     tasks, keys = [], {}
     for job in jobs:
@@ -222,7 +224,7 @@ def _write_points(
     for path in folder.iterdir() if folder.is_dir() else ():
         if path.name not in names:
             shutil.rmtree(path)
-    return run.run('points', tasks, keys)
+    return Stage(name='points', tasks=tasks, keys=keys)
 
 
 def _make_inspection(

@@ -40,6 +40,7 @@ from plc_inspect.grid.cells.layout import (
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.engine import Engine, Outcome, Task
 from plc_inspect.grid.ledger import Ledger, make_key
+from plc_inspect.grid.stage import Stage
 from plc_inspect.grid.tiles.plain_results import has_found
 from plc_inspect.grid.tiles.tile_job import (
     CELLS,
@@ -101,55 +102,57 @@ class GridRun:
         return count_allowed(self.engine.memory)
 
     def run(
-        self, stage: str, tasks: Sequence[Task], keys: dict[str, str],
+        self, name: str, tasks: Sequence[Task], keys: dict[str, str],
         renew: Callable[[str, dict[str, Any]], str] | None = None,
     ) -> dict[str, dict[str, Any]]:
-        """
-        Run the unfinished tasks of a stage, and return the answers of all by name.
+        """Run the unfinished tasks of a stage; return the answers of all by name."""
+        return self.run_together(Stage(name=name, tasks=tasks, keys=keys, renew=renew))[0]
 
-        Parameters
-        ----------
-        stage : str
-            Of the ledger.
-        tasks : sequence of Task
-            All of the stage.
-        keys : dict
-            Digest of what each task depends on; one finished with the same key is not run again.
-        renew : callable or None
-            Returns the key to keep, from the name and answer of a task.
+    def run_together(self, *stages: Stage) -> list[dict[str, dict[str, Any]]]:
+        """
+        Run the unfinished tasks of stages that do not need each other.
+
+        Returns
+        -------
+        list of dict
+            Of each stage, the answers of all its tasks by name.
 
         """
-        answers: dict[str, dict[str, Any]] = {}
-        todo = []
-        for task in tasks:
-            known = self.ledger.find_task(stage, task.name)
-            if known is not None and known[0] == (
-                renew(task.name, known[1]) if renew else keys[task.name]
-            ):
-                answers[task.name] = known[1]
-            else:
-                todo.append(task)
-        self.ledger.drop_others(stage, [task.name for task in tasks])
-        done, failed = len(answers), 0
-        self.tell(stage, done, len(tasks), failed)
-        for outcome in self.engine.run(sorted(todo, key=lambda task: -task.size)):
-            done += 1
-            key = keys[outcome.name]
+        left: list[Task] = []
+        answers: list[dict[str, dict[str, Any]]] = []
+        done, failed = [], [0] * len(stages)
+        for stage in stages:
+            known, todo = stage.divide(self.ledger)
+            answers.append(known)
+            done.append(len(known))
+            left += sorted(todo, key=lambda task: -task.size)
+            self.ledger.drop_others(stage.name, [task.name for task in stage.tasks])
+        number = {stage.name: k for k, stage in enumerate(stages)}
+
+        def tell(first: int) -> None:
+            for k in range(first, len(stages)):
+                self.tell(stages[k].name, done[k], len(stages[k].tasks), failed[k])
+                if done[k] < len(stages[k].tasks):
+                    break  # the next one has not begun
+
+        tell(0)
+        for outcome in self.engine.run(left):
+            k = number[outcome.stage]
+            done[k] += 1
             if outcome.answer is None:
-                failed += 1
-                self._fail(stage, outcome)
+                failed[k] += 1
+                self._fail(outcome)
             else:
-                answers[outcome.name] = outcome.answer
-                key = renew(outcome.name, outcome.answer) if renew else key
+                answers[k][outcome.name] = outcome.answer
             self.ledger.keep_task(
-                stage, outcome.name, key, outcome.answer, outcome.error,
-                seconds=outcome.seconds, worker=outcome.worker,
+                outcome.stage, outcome.name, stages[k].find_key(outcome.name, outcome.answer),
+                outcome.answer, outcome.error, seconds=outcome.seconds, worker=outcome.worker,
             )
-            self.tell(stage, done, len(tasks), failed)
+            tell(k)
         return answers
 
-    def _fail(self, stage: str, outcome: Outcome) -> None:
-        self.failures.append(f'{stage} {outcome.name}: {outcome.error}')
+    def _fail(self, outcome: Outcome) -> None:
+        self.failures.append(f'{outcome.stage} {outcome.name}: {outcome.error}')
         self.num_defects += outcome.is_defect
 
 

@@ -15,6 +15,7 @@ from plc_inspect.grid.engine import Task
 from plc_inspect.grid.joining import JoinedGrid
 from plc_inspect.grid.ledger import make_key
 from plc_inspect.grid.run import GridRun
+from plc_inspect.grid.stage import Stage
 from plc_inspect.grid.tiles.plain_results import plain
 from plc_inspect.grid.tiles.section_report import (
     bound,
@@ -42,12 +43,12 @@ Source: derived: the conductors beyond open ends, and what a run is longer and f
 """
 
 
-def write_reports(
+def plan_reports(
     run: GridRun, folder: Path, jobs: Sequence[TileJob], joined: JoinedGrid, crs: str,
     units: Units,
-) -> dict[str, dict[str, Any]]:
+) -> Stage:
     """
-    Write a report for each tile to which spans belong.
+    Return what writes a report for each tile to which spans belong.
 
     Parameters
     ----------
@@ -64,8 +65,8 @@ def write_reports(
 
     Returns
     -------
-    dict
-        Figures of each report by the name of its tile; see `write_section_report`.
+    Stage
+        Its answers are the figures of each report; see `write_section_report`.
 
     """
     sections = _lay_sections(run, jobs, joined, crs, units)
@@ -94,7 +95,7 @@ def write_reports(
         )
         if not all((folder / name / own).is_file() for own in (REPORT, COVERAGE)):
             run.ledger.forget(STAGE, name)
-    return run.run(STAGE, tasks, keys)
+    return Stage(name=STAGE, tasks=tasks, keys=keys)
 
 
 def _lay_sections(

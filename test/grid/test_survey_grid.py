@@ -3,6 +3,7 @@
 
 """A grid finds what one run over all of its points finds, wherever it is cut."""
 
+from dataclasses import replace
 import errno
 import hashlib
 from itertools import pairwise
@@ -34,6 +35,7 @@ from plc_inspect.grid.cells import cut
 from plc_inspect.grid.cells.room import open_room
 from plc_inspect.grid.engine import call, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
+from plc_inspect.grid.stage import Stage
 from plc_inspect.grid.tiles import tile_run
 from plc_inspect.grid.tiles.survey_whole import load_surface, measure_candidates, measure_ground
 from plc_inspect.grid.tiles.tile_run import inspect_tile
@@ -391,6 +393,41 @@ def test_the_largest_tasks_run_first(tmp_path):
         ]
         run.run('tile', tasks, {task.name: '' for task in tasks})
     assert ran == [9, 7, 3, 1]
+
+
+def test_stages_that_run_together(tmp_path):
+    class Last(OwnProcess):
+        """Ends the tasks in the order opposite to that of a process."""
+
+        def run(self, tasks):
+            return iter([*super().run(tasks)][::-1])
+
+    def fail():
+        raise DataError('damaged')
+
+    def make_stage(name, numbers):
+        return Stage(name=name, keys=dict.fromkeys(map(str, numbers), ''), tasks=[
+            Task(name=str(k), function=dict, arguments=([('stage', name)],)) for k in numbers
+        ])
+
+    told = []
+    stages = [make_stage('first', range(2)), make_stage('second', range(3))]
+    stages[1].tasks[2] = replace(stages[1].tasks[2], function=fail, arguments=())
+    with Ledger(tmp_path, __version__) as ledger:
+        run = open_run(tmp_path, ledger, told=told, engine=Last(GIGABYTES))
+        answers = run.run_together(*stages)
+        assert ledger.list_failures() == [('second', '2', 'damaged')]
+    one, two = {'stage': 'first'}, {'stage': 'second'}
+    assert answers == [{'0': one, '1': one}, {'0': two, '1': two}]
+    assert run.failures == ['second 2: damaged']
+    assert told[0] == ('first', 0, 2, 0)
+    assert told[1] == ('second', 1, 3, 1)
+    assert told[-1] == ('second', 3, 3, 1)
+    assert ('second', 0, 3, 0) not in told  # whose time would begin too early
+    with Ledger(tmp_path, __version__) as ledger:
+        again = open_run(tmp_path, ledger, told=told)
+        assert again.run_together(*stages) == answers
+        assert again.failures == run.failures
 
 
 def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
