@@ -25,10 +25,11 @@ oakland_part3_ao falls by 0.004, with 2.0 across it a crown was taken for the su
 """
 SLICES = {'pole': POLE_SLICE, 'tower': TOWER_SLICE, None: UNSEEN_SLICE}
 """The three.  Source: derived: those above."""
-HOLD_RADIUS = 3.0
+HOLD_RADIUS = 5.0
 """
 Within this of a conductor's end insulators and arms leave points [m].
-Source: judgement; 6 m holds, 2.1 m does not, on bench/constants.py.
+Source: derived: a string of insulators for 400 kV is up to 5 m long, and of sparse surveys only
+the arm above it has points; 6 m holds, 2.1 m does not, on bench/constants.py.
 """
 HOLD_POINTS = 3
 """This many points within HOLD_RADIUS of a conductor's end hold it.

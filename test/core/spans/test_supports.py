@@ -147,6 +147,18 @@ def test_a_tree_beside_a_support_that_was_not_seen_is_not_of_it():
     assert not mask[np.flatnonzero(np.isin(points, tree).all(axis=1))].any()
 
 
+@pytest.mark.parametrize(('above', 'num'), [(2.0, 1), (4.5, 1), (6.0, 0)])
+def test_ends_below_an_arm_are_at_a_support(above, num):
+    offsets = (-3.0, 0.0, 3.0)
+    y = np.repeat(offsets, 4) + np.tile([-0.6, -0.2, 0.2, 0.6], 3)
+    arm = np.column_stack([np.full(12, 100.0), y, np.full(12, 15.0 + above)])
+    points, label = make_line(spans=(100.0,), offsets=offsets, poles=False, more=[arm])
+    supports, closed, mask = place(points, label, num_wires=3)
+    assert [support.kind for support in supports] == ['unseen'] * num
+    assert {side for _, side in closed} == ({1} if num else set())
+    assert mask[np.flatnonzero(np.isin(points, arm).all(axis=1))].all() == bool(num)
+
+
 def test_the_input_is_not_changed():
     points, label = make_line()
     before = points.copy()
