@@ -34,7 +34,7 @@ from plc_inspect.grid.cells.sources import read_sources
 
 GAP = 0.0
 SINGLE_COPIES = 10
-"""Copies of the single survey: 10 million points."""
+"""Most copies in the single survey: 10 million points by default."""
 COLUMNS = ('run', 'time [s]', 'processor [s]', 'points/s', 'to single', 'by processor', 'load',
            'parent [GB]', 'largest tile [GB]', 'tiles', 'read/points')
 RUN = (
@@ -83,18 +83,18 @@ def run(*arguments: str, allowed: float = 0.0) -> tuple[float, float, float]:
 
 
 def measure(
-    path: Path, num_points: int, part: Path, num_part: int, workers: Sequence[int],
+    path: Path, num_points: int, part: tuple[Path, int] | None, workers: Sequence[int],
     options: Sequence[str], allowed: float,
 ) -> list:
-    """Return the rows of a single survey of a part, unless memory is limited, and of grids."""
+    """Return the rows of a single survey of a part, with its points, if any, and of grids."""
     rows, single, single_busy = [], np.nan, np.nan
     with tempfile.TemporaryDirectory(dir=path.parent) as room:
-        if not allowed:
-            seconds, busy, peak = run(str(part), '-o', f'{room}/single')
-            single, single_busy = seconds / num_part, busy / num_part
+        if part is not None:
+            seconds, busy, peak = run(str(part[0]), '-o', f'{room}/single')
+            single, single_busy = seconds / part[1], busy / part[1]
             rows.append((
-                f'single, {num_part:,} points', f'{seconds:.1f}', f'{busy:.1f}',
-                f'{num_part / seconds:,.0f}', '1.00', '1.00', f'{os.getloadavg()[0]:.1f}',
+                f'single, {part[1]:,} points', f'{seconds:.1f}', f'{busy:.1f}',
+                f'{part[1] / seconds:,.0f}', '1.00', '1.00', f'{os.getloadavg()[0]:.1f}',
                 f'{peak / 1e9:.2f}', '-', '-', '-',
             ))
         for num in workers:
@@ -168,18 +168,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('options', nargs='*', help='of plc_survey, for grids, after --')
     arguments = parser.parse_args(argv)
     rows = plan_empty(arguments.empty) if arguments.empty else []
-    num = arguments.points * arguments.copies
     if arguments.workers:
         with open_cache(arguments.cache) as cache, \
                 tempfile.TemporaryDirectory(dir=arguments.room) as room:
-            copies = min(arguments.copies, SINGLE_COPIES)
-            path, part = (
-                write_corridor(Path(room) / name, cache, arguments.points, number)
-                for name, number in (('corridor.las', arguments.copies), ('part.las', copies))
-            )
+            def write(name: str, copies: int) -> tuple[Path, int]:
+                path = write_corridor(Path(room) / name, cache, arguments.points, copies)
+                return path, arguments.points * copies
+
+            whole = part = write('corridor.las', arguments.copies)
+            if arguments.allowed:
+                part = None
+            elif arguments.copies > SINGLE_COPIES:
+                part = write('part.las', SINGLE_COPIES)
             rows += measure(
-                path, num, part, arguments.points * copies, arguments.workers,
-                arguments.options, 1e9 * arguments.allowed,
+                *whole, part, arguments.workers, arguments.options, 1e9 * arguments.allowed
             )
     print(render_table(COLUMNS, rows))
     return 0

@@ -105,12 +105,17 @@ class GridRun:
         self, name: str, tasks: Sequence[Task], keys: dict[str, str],
         renew: Callable[[str, dict[str, Any]], str] | None = None,
     ) -> dict[str, dict[str, Any]]:
-        """Run the unfinished tasks of a stage; return the answers of all by name."""
+        """Run the unfinished tasks of a `Stage`; return the answers of all by name."""
         return self.run_together(Stage(name=name, tasks=tasks, keys=keys, renew=renew))[0]
 
     def run_together(self, *stages: Stage) -> list[dict[str, dict[str, Any]]]:
         """
         Run the unfinished tasks of stages that do not need each other.
+
+        Parameters
+        ----------
+        *stages : Stage
+            With names of their own; tasks are started in this order.
 
         Returns
         -------
