@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from numba import njit, prange
 import numpy as np
 
+from plc_inspect.core.extraction.ground_fill import fill_near, keep
 from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7
@@ -19,10 +20,11 @@ AREAL_SHARE = 0.2
 """Least share of ground cells in that square.  Source: judgement; not measured."""
 SURE_SHARE, LEAST_RAISED = 0.55, 4.0
 """
-Share below which cells are no ground where they lie this far above the ground about them [m], or
-where no whole square of the grid has as much.
+Share of the square below which cells are no ground where they lie this far above sure ground [m],
+or where there is none near.
 Source: derived: four wires side by side, aslant to the grid, fill 0.53 of the square; one return
-a square metre fills 0.63, and scan lines 1.5 m apart 0.67; the least height of conductors.
+a cell fills 0.63, and scan lines 1.5 m apart 0.67; of cells two by two in a square twice as wide,
+one return in four cells as much, five wires 0.47; the least height of conductors.
 """
 AREAL_LEAST = 0.5
 """
@@ -95,10 +97,11 @@ def estimate_ground(
 
     """
     found = find_surface(lowest, cell, max_slope)
-    seen = found.seen & found.is_any
-    if found.sure.any() and (seen & ~found.sure).any():
-        seen &= found.sure | ~is_raised(found.surface, fill(keep(found.surface, found.sure)))
-    return fill(keep(found.surface, seen)), seen
+    dense, sparse = (
+        fill_near(keep(found.surface, sure)) for sure in (found.dense, found.sparse)
+    )
+    seen = found.seen & is_low(found.surface, dense, sparse)
+    return fill_near(keep(found.surface, seen)), seen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,66 +112,42 @@ class LowSurface:
     """(rows, columns) without stray ones [m], NaN where there is none."""
     seen: Bool
     """(rows, columns) it lies low, with others about it."""
-    sure: Bool
-    """(rows, columns) and so many of them that it is no row of wires, if any are."""
-    is_any: bool
-    """Some square within the grid is filled as a surface fills it; else nothing is ground."""
+    dense: Bool
+    """(rows, columns) and so many of them that it is no row of wires."""
+    sparse: Bool
+    """(rows, columns) as many, taken two by two, in a square twice as wide."""
 
 
 def find_surface(lowest: Float32, cell: float, max_slope: float) -> LowSurface:
     """Find what may be ground among the lowest points of cells; see `estimate_ground`."""
     surface = _drop_stray_lows(lowest, cell, max_slope)
     low = _find_seen(surface, cell, max_slope)
+    sparse = low & _join_pairs(low)
     return LowSurface(
-        surface=surface,
-        seen=_is_areal(low, AREAL_SHARE) & low,
-        sure=_is_areal(low, SURE_SHARE) & low,
-        is_any=bool((_is_areal(low, SURE_SHARE, 1.0) & low).any()),
+        surface=surface, seen=low & _is_areal(low, AREAL_SHARE) | sparse,
+        dense=low & _is_areal(low, SURE_SHARE, 1.0), sparse=sparse,
     )
 
 
-def keep(surface: Float32, chosen: Bool) -> Float32:
-    """Return a surface without the cells that are not chosen."""
-    return np.where(chosen, surface, np.float32(np.nan))
-
-
-def is_raised(surface: Float32, sure: Float32) -> Bool:
-    """Tell what lies far above sure ground: if it is thin, a row of wires with none seen below."""
-    result: Bool = ~(surface - sure < LEAST_RAISED)
+def _join_pairs(low: Bool) -> Bool:
+    """Tell the cells in squares filled as a surface fills them, two by two."""
+    rows, columns = low.shape
+    pairs = np.zeros((rows + rows % 2, columns + columns % 2), dtype=bool)
+    pairs[:rows, :columns] = low
+    pairs = pairs[::2, ::2] | pairs[1::2, ::2] | pairs[::2, 1::2] | pairs[1::2, 1::2]
+    filled = _is_areal(pairs, SURE_SHARE, 1.0).repeat(2, axis=0).repeat(2, axis=1)
+    result: Bool = filled[:rows, :columns]
     return result
 
 
-def fill(values: Float32, levels: int = -1, base: Float32 | None = None) -> Float32:
+def is_low(surface: Float32, dense: Float32, sparse: Float32) -> Bool:
     """
-    Fill NaN cells from a pyramid of means; a grid of NaN stays one.
+    Tell what lies little above sure ground near; a row of wires with none below it does not.
 
-    Parameters
-    ----------
-    values : (rows, columns) float32
-        [m]
-    levels : int
-        Of the pyramid, each of cells twice as large; -1 all.
-    base : (rows, columns) float32 or None
-        Values of that level's cells, filled, where the grid is a part of one [m].
-
-    Returns
-    -------
-    (rows, columns) float32
-
+    Where ground is dense anywhere near, what is sparse shows none: rows of wires in a gap of it.
     """
-    if levels == 0 and base is not None:
-        return np.where(np.isnan(values), base, values)
-    if base is None and (max(values.shape) == 1 or not np.isnan(values).any()):
-        return values
-    result: Float32 = _fill_from(values, fill(_shrink(values), levels - 1, base))
+    result: Bool = surface - np.where(np.isnan(dense), sparse, dense) < LEAST_RAISED
     return result
-
-
-def shrink(values: Float32, levels: int) -> Float32:
-    """Return the means of known values in cells that are twice as large, so many times."""
-    for _ in range(levels):
-        values = _shrink(values)
-    return values
 
 
 @njit(cache=True, parallel=True, nogil=True)
@@ -205,67 +184,6 @@ def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-unty
             needed = np.float32(share) * max(available, least)
             result[row, column] = np.float32(area[column]) >= needed
     return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _shrink(values):  # type: ignore[no-untyped-def]
-    """Return the mean of the known cells of each 2 x 2, NaN where none is known."""
-    rows, columns = values.shape
-    result = np.empty(((rows + 1) // 2, (columns + 1) // 2), dtype=np.float32)
-    for row in prange(result.shape[0]):
-        for column in range(result.shape[1]):
-            total, count = 0.0, 0
-            for r in range(2 * row, min(2 * row + 2, rows)):
-                for c in range(2 * column, min(2 * column + 2, columns)):
-                    if np.isfinite(values[r, c]):
-                        total += values[r, c]
-                        count += 1
-            result[row, column] = total / count if count else np.nan
-    return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
-    """Fill cells that are not finite, bilinearly, from a grid of twice the cell size."""
-    rows, columns = values.shape
-    last_row, last_column = coarse.shape[0] - 1, coarse.shape[1] - 1
-    result = np.empty((rows, columns), dtype=np.float32)
-    near, far = np.float32(0.75), np.float32(0.25)
-    for row in prange(rows):
-        y = min(max((row - 0.5) / 2, 0.0), float(last_row))
-        r0 = min(int(y), max(last_row - 1, 0))
-        up = np.float32(y - r0)
-        low, high = coarse[r0], coarse[min(r0 + 1, last_row)]
-        own, filled = values[row], result[row]
-        # two columns between each pair of coarse cells, in loops that become vector instructions
-        for k in range(last_column):
-            filled[2 * k + 1] = _choose(
-                own[2 * k + 1], low[k], low[k + 1], high[k], high[k + 1], near, far, up
-            )
-        for k in range(last_column):
-            filled[2 * k + 2] = _choose(
-                own[2 * k + 2], low[k], low[k + 1], high[k], high[k + 1], far, near, up
-            )
-        # those at the edges
-        for column in range(columns):
-            if 0 < column <= 2 * last_column:
-                continue
-            x = min(max((column - 0.5) / 2, 0.0), float(last_column))
-            c0 = min(int(x), max(last_column - 1, 0))
-            c1 = min(c0 + 1, last_column)
-            right = np.float32(x - c0)
-            filled[column] = _choose(
-                own[column], low[c0], low[c1], high[c0], high[c1],
-                np.float32(1.0) - right, right, up,
-            )
-    return result
-
-
-@njit(cache=True, nogil=True, inline='always')
-def _choose(value, z00, z01, z10, z11, left, right, up):  # type: ignore[no-untyped-def]
-    """Return a value, or the mean of four others by their weights where it is not finite."""
-    mean = (z00 * left + z01 * right) * (np.float32(1.0) - up) + (z10 * left + z11 * right) * up
-    return value if np.isfinite(value) else mean
 
 
 @njit(cache=True, parallel=True, nogil=True)

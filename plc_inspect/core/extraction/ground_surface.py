@@ -10,14 +10,8 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_filter import (
-    estimate_ground,
-    fill,
-    find_surface,
-    is_raised,
-    keep,
-    shrink,
-)
+from plc_inspect.core.extraction.ground_fill import fill, keep, shrink, widen
+from plc_inspect.core.extraction.ground_filter import estimate_ground, find_surface, is_low
 from plc_inspect.core.extraction.ground_grid import (
     COLUMNS,
     find_cell,
@@ -172,34 +166,34 @@ def _estimate(lowest: GroundGrid, max_slope: float) -> GroundGrid:
             lowest.view(lowest.height, (0, 0))[:-1, :-1].copy(), lowest.cell_size, max_slope
         )
         return make_grid(height, seen, lowest.origin, lowest.cell_size)
-    surface, seen, sure = np.empty_like(lowest.height), lowest.seen.copy(), lowest.seen.copy()
-    is_any = False
+    surface = np.empty_like(lowest.height)
+    seen, dense, sparse = (lowest.seen.copy() for _ in range(3))
     for around in lowest.list_around(CONTEXT):
         found = find_surface(lowest.cut(lowest.height, around), lowest.cell_size, max_slope)
-        is_any |= found.is_any
-        for all_cells, own in ((surface, found.surface), (seen, found.seen), (sure, found.sure)):
+        for all_cells, own in (
+            (surface, found.surface), (seen, found.seen), (dense, found.dense),
+            (sparse, found.sparse),
+        ):
             around.put(lowest.view(all_cells, around.number), own)
-    seen &= is_any
-    if is_any and sure.any():
-        ground = _fill_blocks(lowest, keep(surface, sure))
-        seen &= sure | ~is_raised(surface, ground)
+    seen &= is_low(
+        surface, *(_fill_blocks(lowest, keep(surface, sure)) for sure in (dense, sparse))
+    )
     return replace(lowest, height=_fill_blocks(lowest, keep(surface, seen)), seen=seen)
 
 
 def _fill_blocks(grid: GroundGrid, known: Float32) -> Float32:
     """Fill cells block by block as all of them would be, from what is known in any block."""
-    levels = FINE.bit_length() - 1
     base = np.full([-(-num // FINE) for num in grid.shape], np.nan, dtype=np.float32)
     for around in grid.list_around(0):
-        own = shrink(np.ascontiguousarray(grid.view(known, around.number)[:-1, :-1]), levels)
+        own = shrink(np.ascontiguousarray(grid.view(known, around.number)[:-1, :-1]))
         row, column = (place // FINE for place in around.low)
         base[row : row + own.shape[0], column : column + own.shape[1]] = own
-    base, result = fill(base), np.empty_like(known)
+    base, result = widen(base), np.empty_like(known)
     for around in grid.list_around(CONTEXT):
         row, column = (place // FINE for place in around.low)
         about = grid.cut(known, around)
         rows, columns = (-(-num // FINE) for num in about.shape)
-        filled = fill(about, levels, base[row : row + rows, column : column + columns])
+        filled = fill(about, base[row : row + rows, column : column + columns])
         around.put(grid.view(result, around.number), filled)
     return result
 

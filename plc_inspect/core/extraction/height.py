@@ -111,7 +111,8 @@ def lay_edges(extremes: Float32 | Float64, settings: HeightSettings) -> Float64:
     """Return the (num_bins + 1,) edges of the histogram from least and greatest height [m]."""
     widest = MOST_BIN * settings.num_bins
     top = max(float(extremes[1]), settings.beta)
-    bottom = max(float(extremes[0]), -top, -widest / 2.0)
+    # how deep a stray point lies does not move the bins
+    bottom = max(float(extremes[0]), -settings.beta, -widest / 2.0)
     return np.linspace(bottom, min(top, bottom + widest), settings.num_bins + 1)
 
 

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from plc_inspect.core.extraction.ground_fill import fill_near, WIDER
 from plc_inspect.core.extraction.ground_filter import (
     _is_areal,
     _limit_sweeps,
@@ -11,8 +12,9 @@ from plc_inspect.core.extraction.ground_filter import (
     AREAL_REACH,
     AREAL_SHARE,
     estimate_ground,
-    fill,
+    LEAST_RAISED,
 )
+from plc_inspect.core.extraction.ground_grid import FINE
 
 SHAPES = [(1, 1), (1, 5), (6, 1), (7, 8), (15, 16), (16, 33), (40, 31)]
 
@@ -46,7 +48,7 @@ def test_what_is_known_stays_and_all_else_is_filled_from_it(shape):
     values = rng.uniform(10.0, 20.0, shape).astype(np.float32)
     known = rng.uniform(size=shape) < 0.2
     known[-1, -1] = True
-    filled = fill(np.where(known, values, np.float32(np.nan)))
+    filled = fill_near(np.where(known, values, np.float32(np.nan)))
     assert filled.dtype == np.float32
     np.testing.assert_array_equal(filled[known], values[known])
     assert filled.min() >= values[known].min() - 1e-5
@@ -57,8 +59,8 @@ def test_a_hole_in_a_slope_is_filled_by_the_slope():
     slope = np.add.outer(np.arange(64.0), 0.5 * np.arange(64.0)).astype(np.float32)
     hole = slope.copy()
     hole[20:28, 30:38] = np.nan
-    assert np.abs(fill(hole) - slope).max() < 3.0
-    assert np.abs(fill(hole) - slope).mean() < 0.02
+    assert np.abs(fill_near(hole) - slope).max() < 3.0
+    assert np.abs(fill_near(hole) - slope).mean() < 0.02
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -81,7 +83,7 @@ def test_what_is_far_from_known_cells_does_not_matter_to_the_envelope(seed):
 
 
 def test_nothing_known_stays_unknown():
-    assert np.isnan(fill(np.full((5, 4), np.nan, dtype=np.float32))).all()
+    assert np.isnan(fill_near(np.full((5, 4), np.nan, dtype=np.float32))).all()
 
 
 def lay_rows(height, wide=3):
@@ -118,6 +120,43 @@ def test_a_patch_of_ground_is_ground_among_rows_of_wires():
     _, found = estimate_ground(lowest, 1.0, 1.0)
     assert found[:20].all()
     assert not found[36:39].any()
+
+
+def test_five_rows_of_wires_are_no_ground_two_cells_by_two_either():
+    row, column = np.mgrid[:80, :80]
+    aslant = np.full((80, 80), np.nan, dtype=np.float32)
+    for wire in range(5):
+        aslant[np.isin(row - column, (8 * wire, 8 * wire + 1))] = 12.0  # two cells a row
+    _, found = estimate_ground(aslant, 1.0, 1.0)
+    assert not found.any()
+
+
+def test_ground_is_known_near_what_was_seen_and_as_high_wherever_a_part_ends():
+    rng = np.random.default_rng(7)
+    lowest = rng.uniform(0.0, 0.3, (12 * FINE, 5 * FINE)).astype(np.float32)
+    lowest += np.linspace(0.0, 90.0, len(lowest), dtype=np.float32)[:, None]
+    lowest[5 * FINE :] = np.nan
+    whole, _ = estimate_ground(lowest, 1.0, 1.0)
+    part, _ = estimate_ground(lowest[2 * FINE :, FINE:], 1.0, 1.0)
+    assert np.isfinite(whole[: 6 * FINE]).all()
+    assert np.isnan(whole[(5 + WIDER) * FINE :]).all()
+    inner = slice(4 * FINE, None), slice(3 * FINE, None)
+    np.testing.assert_allclose(part[2 * FINE :, 2 * FINE :], whole[inner], atol=1e-4)
+
+
+@pytest.mark.parametrize('height', [8.0, 2.0])
+def test_what_lies_far_away_does_not_decide_what_is_ground(height):
+    """A tile has a halo, and sees no farther."""
+    lowest = np.full((8 * FINE, 60), np.nan, dtype=np.float32)
+    lowest[:FINE] = 0.0
+    lowest[6 * FINE : 6 * FINE + 3] = height
+    for part in (lowest, lowest[3 * FINE :]):
+        _, found = estimate_ground(part, 1.0, 1.0)
+        assert not found[-3 * FINE :].any()
+    near = np.delete(lowest, slice(FINE + FINE // 4, 6 * FINE), axis=0)
+    _, found = estimate_ground(near, 1.0, 1.0)
+    strip = found[FINE + FINE // 4 :][:3, 10:50]
+    assert strip.all() == strip.any() == (height < LEAST_RAISED)
 
 
 def test_a_plateau_is_ground_however_high():

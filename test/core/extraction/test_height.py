@@ -280,3 +280,15 @@ def test_what_lies_along_a_conductor_is_high_where_no_ground_was_seen():
     after = revise_ground(points, before, [make_curve(wire) for wire in wires], SETTINGS)
     assert after.high[own].all()
     assert not after.high[own.stop :].any()
+
+
+def test_how_deep_a_stray_point_lies_does_not_move_the_threshold():
+    rng = np.random.default_rng(3)
+    ground = np.column_stack([rng.uniform(0.0, 60.0, (20_000, 2)), rng.normal(0.0, 0.1, 20_000)])
+    thresholds = []
+    for depth in (14.1, 14.3, 14.5, 30.0):
+        strays = [[30.0, 30.0, 25.0], [30.2, 30.2, -depth]]
+        result = extract_high(np.vstack([ground, strays]), SETTINGS)
+        assert result.height.min() < -10.0
+        thresholds.append(result.threshold)
+    assert len(set(thresholds)) == 1

@@ -1,0 +1,138 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Fills the cells of the ground in which nothing was seen from those near them."""
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.extraction.ground_grid import FINE
+from plc_inspect.results import Bool, Float32
+
+LEVELS = FINE.bit_length() - 1
+"""Of the pyramid, from cells to squares of FINE.  Source: derived: log2 FINE."""
+BESIDE = np.array([[1.0, 2.0, 1.0], [2.0, 0.0, 2.0], [1.0, 2.0, 1.0]])
+"""Weights of the squares beside one.  Source: numerical: those of linear interpolation."""
+WIDER = 2
+"""
+Ground is known in squares of FINE less than WIDER from those in which it was seen.
+Source: judgement: what is seen farther away says little of a slope's height, and a part of a cloud
+must tell as the whole does.
+"""
+
+
+def keep(surface: Float32, chosen: Bool) -> Float32:
+    """Return a surface without the cells that are not chosen."""
+    return np.where(chosen, surface, np.float32(np.nan))
+
+
+def fill_near(values: Float32) -> Float32:
+    """Fill NaN cells from known ones that are near, WIDER; the others stay NaN."""
+    return fill(values, widen(shrink(values)))
+
+
+def widen(base: Float32) -> Float32:
+    """Fill NaN squares of FINE up to WIDER from known ones with the means of those beside them."""
+    rows, columns = base.shape
+    for _ in range(WIDER):
+        padded = np.pad(base, 1, constant_values=np.nan)
+        total, weight = np.zeros(base.shape), np.zeros(base.shape)
+        for row, column in np.ndindex(BESIDE.shape):
+            part = padded[row : row + rows, column : column + columns]
+            total += BESIDE[row, column] * np.nan_to_num(part)
+            weight += BESIDE[row, column] * np.isfinite(part)
+        mean = np.divide(total, weight, out=np.full(base.shape, np.nan), where=weight > 0.0)
+        base = np.where(np.isnan(base), mean.astype(np.float32), base)
+    return base
+
+
+def fill(values: Float32, base: Float32, levels: int = LEVELS) -> Float32:
+    """
+    Fill NaN cells from a pyramid of means.
+
+    Parameters
+    ----------
+    values : (rows, columns) float32
+        [m]
+    base : (rows, columns) float32
+        Means of squares of FINE, filled; NaN where nothing is near [m].
+    levels : int
+        Of the pyramid, each of cells twice as large.
+
+    Returns
+    -------
+    (rows, columns) float32
+
+    """
+    if levels == 0:
+        return np.where(np.isnan(values), base, values)
+    result: Float32 = _fill_from(values, fill(_shrink(values), base, levels - 1))
+    return result
+
+
+def shrink(values: Float32) -> Float32:
+    """Return the means of the means of known values, up to those of squares of FINE."""
+    for _ in range(LEVELS):
+        values = _shrink(values)
+    return values
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _shrink(values):  # type: ignore[no-untyped-def]
+    """Return the mean of the known cells of each 2 x 2, NaN where none is known."""
+    rows, columns = values.shape
+    result = np.empty(((rows + 1) // 2, (columns + 1) // 2), dtype=np.float32)
+    for row in prange(result.shape[0]):
+        for column in range(result.shape[1]):
+            total, count = 0.0, 0
+            for r in range(2 * row, min(2 * row + 2, rows)):
+                for c in range(2 * column, min(2 * column + 2, columns)):
+                    if np.isfinite(values[r, c]):
+                        total += values[r, c]
+                        count += 1
+            result[row, column] = total / count if count else np.nan
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
+    """Fill cells that are not finite, bilinearly, from a grid of twice the cell size."""
+    rows, columns = values.shape
+    last_row, last_column = coarse.shape[0] - 1, coarse.shape[1] - 1
+    result = np.empty((rows, columns), dtype=np.float32)
+    near, far = np.float32(0.75), np.float32(0.25)
+    for row in prange(rows):
+        y = min(max((row - 0.5) / 2, 0.0), float(last_row))
+        r0 = min(int(y), max(last_row - 1, 0))
+        up = np.float32(y - r0)
+        low, high = coarse[r0], coarse[min(r0 + 1, last_row)]
+        own, filled = values[row], result[row]
+        # two columns between each pair of coarse cells, in loops that become vector instructions
+        for k in range(last_column):
+            filled[2 * k + 1] = _choose(
+                own[2 * k + 1], low[k], low[k + 1], high[k], high[k + 1], near, far, up
+            )
+        for k in range(last_column):
+            filled[2 * k + 2] = _choose(
+                own[2 * k + 2], low[k], low[k + 1], high[k], high[k + 1], far, near, up
+            )
+        # those at the edges
+        for column in range(columns):
+            if 0 < column <= 2 * last_column:
+                continue
+            x = min(max((column - 0.5) / 2, 0.0), float(last_column))
+            c0 = min(int(x), max(last_column - 1, 0))
+            c1 = min(c0 + 1, last_column)
+            right = np.float32(x - c0)
+            filled[column] = _choose(
+                own[column], low[c0], low[c1], high[c0], high[c1],
+                np.float32(1.0) - right, right, up,
+            )
+    return result
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _choose(value, z00, z01, z10, z11, left, right, up):  # type: ignore[no-untyped-def]
+    """Return a value, or the mean of four others by their weights where it is not finite."""
+    mean = (z00 * left + z01 * right) * (np.float32(1.0) - up) + (z10 * left + z11 * right) * up
+    return value if np.isfinite(value) else mean
