@@ -9,7 +9,7 @@ and inserted as a whole, or dropped as a whole and counted with the reason.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 import math
 
@@ -103,8 +103,7 @@ class Accumulator:
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, other than structural ones."""
         source = settings.input
-        self._min_range = source.min_range
-        self._max_range = source.max_range
+        self._min_range, self._max_range = source.min_range, source.max_range
         self._max_wait = source.max_wait
         self.placer.configure(source)
         self.poses.configure(source)
@@ -144,6 +143,7 @@ class Accumulator:
     def add_pose(
         self, stamp_ns: int, position: ArrayLike, quaternion: ArrayLike, *,
         frame_id: str = '', child_frame_id: str = '', now: float | None = None,
+        tell: Callable[[], None] | None = None,
     ) -> bool:
         """
         Add one pose of the vehicle, and insert the scans that it brackets.
@@ -160,6 +160,8 @@ class Accumulator:
             Frame of the pose, and of the base.
         now : float or None
             Time of arrival by a steady clock or the recording's clock [s].
+        tell : callable or None
+            Called if True is returned, before scans are inserted, which takes many times longer.
 
         Returns
         -------
@@ -174,11 +176,14 @@ class Accumulator:
         taken = self.pose_gate.judge(given)
         if taken is None:
             self._counts['poses of another frame'] += 1
-        accepted = [self._take_pose(pose) for pose in taken or []]
+        elif not taken and tell:
+            tell()
+        every = taken or []
+        accepted = [self._take_pose(pose, tell if pose is every[-1] else None) for pose in every]
         self.expire(now)
         return accepted[-1] if accepted else taken is not None
 
-    def _take_pose(self, pose: FramedPose) -> bool:
+    def _take_pose(self, pose: FramedPose, tell: Callable[[], None] | None = None) -> bool:
         status = self.poses.insert(pose.stamp_ns, pose.position, pose.quaternion)
         if status.accepted:
             self.pose_gate.frames = pose.frames
@@ -186,20 +191,15 @@ class Accumulator:
                 self._forget_times()
             if break_odd(self.poses, self.follower):
                 self._forget_times()
+            if tell:
+                tell()
             self._drain()
             self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
 
     def add_scan(
-        self,
-        stamp_ns: int,
-        xyz: Float32,
-        time: NDArray[np.float64] | None = None,
-        *,
-        frame_id: str = '',
-        num_not_finite: int = 0,
-        layout: str = '',
-        now: float | None = None,
+        self, stamp_ns: int, xyz: Float32, time: NDArray[np.float64] | None = None, *,
+        frame_id: str = '', num_not_finite: int = 0, layout: str = '', now: float | None = None,
     ) -> None:
         """
         Add one scan; it is inserted once the odometry brackets its points.

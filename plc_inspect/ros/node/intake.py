@@ -199,17 +199,20 @@ class Intake:
             return
         accepted = self.accumulator.add_pose(
             pose.stamp_ns, pose.position, pose.quaternion, frame_id=pose.frame_id,
-            child_frame_id=pose.child_frame_id, now=now,
+            child_frame_id=pose.child_frame_id, now=now, tell=lambda: self._tell(pose, late),
         )
         if accepted:
-            self.told_vehicle = pose.position
-            move = self.accumulator.follower.likely_move
-            if move is not None:
-                self.vehicle = move.apply(np.array(pose.position, dtype=np.float64))
-                self.way.add(pose.stamp_ns, self.vehicle)
-            self.on_pose(pose, move, self.accumulator.entry, late)
             self._follow_parts(now)
         self._follow_restart()
+
+    def _tell(self, pose: StampedPose, late: bool) -> None:
+        """Note where the vehicle is, and tell how near it is."""
+        self.told_vehicle = pose.position
+        move = self.accumulator.follower.likely_move
+        if move is not None:
+            self.vehicle = move.apply(np.array(pose.position, dtype=np.float64))
+            self.way.add(pose.stamp_ns, self.vehicle)
+        self.on_pose(pose, move, self.accumulator.entry, late)
 
     def _follow_parts(self, now: float) -> None:
         """Say what is wrong with the odometry."""

@@ -535,3 +535,21 @@ def test_a_correction_of_the_clock_makes_no_second_driver():
         stamp = START + 500 * MS + number * 100 * MS + (number % 3) * 4 * MS
         accumulator.add_scan(stamp, xyz, np.array([-0.09, -0.04, 0.0]))
     assert accumulator.counters().scans_dropped == {}
+
+
+def test_a_pose_is_told_of_before_the_scans_that_it_brackets_are_inserted():
+    """Inserting them takes tens of milliseconds, in which nobody knows how near things are."""
+    accumulator = make_accumulator()
+    inserted = []
+
+    def tell():
+        inserted.append(accumulator.counters().num_scans_inserted)
+
+    add_poses(accumulator, 0, 100)
+    add_plain_scan(accumulator, 105)
+    for ms in (110, 120):
+        accumulator.add_pose(START + ms * MS, (SPEED * ms * 1e-3, 0, 0), UPRIGHT, tell=tell)
+    assert inserted == [0, 1]
+    # one that is not accepted is not told of
+    assert not accumulator.add_pose(START + 120 * MS, (np.nan, 0, 0), UPRIGHT, tell=tell)
+    assert len(inserted) == 2
