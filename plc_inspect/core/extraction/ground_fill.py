@@ -46,6 +46,18 @@ def widen(base: Float32) -> Float32:
     return base
 
 
+def widen_all(base: Float32) -> Float32:
+    """Fill all NaN squares of FINE: those that `widen` leaves from a pyramid of means."""
+    return _fill_all(widen(base))
+
+
+def _fill_all(base: Float32) -> Float32:
+    if max(base.shape) == 1 or not np.isnan(base).any():
+        return base
+    result: Float32 = _fill_from(base, _fill_all(_shrink(base)))
+    return result
+
+
 def fill(values: Float32, base: Float32, levels: int = LEVELS) -> Float32:
     """
     Fill NaN cells from a pyramid of means.

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.extraction.ground_fill import fill_near, keep
+from plc_inspect.core.extraction.ground_fill import (
+    fill,
+    fill_near,
+    keep,
+    shrink,
+    widen_all,
+)
 from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7
@@ -21,7 +27,7 @@ AREAL_SHARE = 0.2
 SURE_SHARE, LEAST_RAISED = 0.55, 4.0
 """
 Share of the square below which cells are no ground where they lie this far above sure ground [m],
-or where there is none near.
+or where there is none.
 Source: derived: four wires side by side, aslant to the grid, fill 0.53 of the square; one return
 a cell fills 0.63, and scan lines 1.5 m apart 0.67; of cells two by two in a square twice as wide,
 one return in four cells as much, five wires 0.47; the least height of conductors.
@@ -97,10 +103,11 @@ def estimate_ground(
 
     """
     found = find_surface(lowest, cell, max_slope)
-    dense, sparse = (
-        fill_near(keep(found.surface, sure)) for sure in (found.dense, found.sparse)
+    sure = keep(found.surface, found.sure)
+    seen = found.seen & is_low(
+        found.surface, fill_near(keep(found.surface, found.dense)),
+        fill(sure, widen_all(shrink(sure))),
     )
-    seen = found.seen & is_low(found.surface, dense, sparse)
     return fill_near(keep(found.surface, seen)), seen
 
 
@@ -114,18 +121,18 @@ class LowSurface:
     """(rows, columns) it lies low, with others about it."""
     dense: Bool
     """(rows, columns) and so many of them that it is no row of wires."""
-    sparse: Bool
-    """(rows, columns) as many, taken two by two, in a square twice as wide."""
+    sure: Bool
+    """(rows, columns) the same, or as many, taken two by two, in a square twice as wide."""
 
 
 def find_surface(lowest: Float32, cell: float, max_slope: float) -> LowSurface:
     """Find what may be ground among the lowest points of cells; see `estimate_ground`."""
     surface = _drop_stray_lows(lowest, cell, max_slope)
     low = _find_seen(surface, cell, max_slope)
-    sparse = low & _join_pairs(low)
+    dense = low & _is_areal(low, SURE_SHARE, 1.0)
+    sure = dense | low & _join_pairs(low)
     return LowSurface(
-        surface=surface, seen=low & _is_areal(low, AREAL_SHARE) | sparse,
-        dense=low & _is_areal(low, SURE_SHARE, 1.0), sparse=sparse,
+        surface=surface, seen=sure | low & _is_areal(low, AREAL_SHARE), dense=dense, sure=sure
     )
 
 
@@ -140,13 +147,14 @@ def _join_pairs(low: Bool) -> Bool:
     return result
 
 
-def is_low(surface: Float32, dense: Float32, sparse: Float32) -> Bool:
+def is_low(surface: Float32, dense: Float32, sure: Float32) -> Bool:
     """
-    Tell what lies little above sure ground near; a row of wires with none below it does not.
+    Tell what lies little above sure ground; a row of wires with none below it does not.
 
-    Where ground is dense anywhere near, what is sparse shows none: rows of wires in a gap of it.
+    Where ground is dense near, what is sparse shows none: it may be rows of wires in a gap of it.
+    Elsewhere sure ground counts, however far away, as over a river.
     """
-    result: Bool = surface - np.where(np.isnan(dense), sparse, dense) < LEAST_RAISED
+    result: Bool = surface - np.where(np.isnan(dense), sure, dense) < LEAST_RAISED
     return result
 
 

@@ -3,6 +3,7 @@
 
 """The ground surface of a cloud, and the heights of its points above it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 
@@ -10,7 +11,7 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_fill import fill, keep, shrink, widen
+from plc_inspect.core.extraction.ground_fill import fill, keep, shrink, widen, widen_all
 from plc_inspect.core.extraction.ground_filter import estimate_ground, find_surface, is_low
 from plc_inspect.core.extraction.ground_grid import (
     COLUMNS,
@@ -167,28 +168,30 @@ def _estimate(lowest: GroundGrid, max_slope: float) -> GroundGrid:
         )
         return make_grid(height, seen, lowest.origin, lowest.cell_size)
     surface = np.empty_like(lowest.height)
-    seen, dense, sparse = (lowest.seen.copy() for _ in range(3))
+    seen, dense, sure = (lowest.seen.copy() for _ in range(3))
     for around in lowest.list_around(CONTEXT):
         found = find_surface(lowest.cut(lowest.height, around), lowest.cell_size, max_slope)
         for all_cells, own in (
-            (surface, found.surface), (seen, found.seen), (dense, found.dense),
-            (sparse, found.sparse),
+            (surface, found.surface), (seen, found.seen), (dense, found.dense), (sure, found.sure)
         ):
             around.put(lowest.view(all_cells, around.number), own)
     seen &= is_low(
-        surface, *(_fill_blocks(lowest, keep(surface, sure)) for sure in (dense, sparse))
+        surface, _fill_blocks(lowest, keep(surface, dense)),
+        _fill_blocks(lowest, keep(surface, sure), widen_all),
     )
     return replace(lowest, height=_fill_blocks(lowest, keep(surface, seen)), seen=seen)
 
 
-def _fill_blocks(grid: GroundGrid, known: Float32) -> Float32:
+def _fill_blocks(
+    grid: GroundGrid, known: Float32, fill_base: Callable[[Float32], Float32] = widen
+) -> Float32:
     """Fill cells block by block as all of them would be, from what is known in any block."""
     base = np.full([-(-num // FINE) for num in grid.shape], np.nan, dtype=np.float32)
     for around in grid.list_around(0):
         own = shrink(np.ascontiguousarray(grid.view(known, around.number)[:-1, :-1]))
         row, column = (place // FINE for place in around.low)
         base[row : row + own.shape[0], column : column + own.shape[1]] = own
-    base, result = widen(base), np.empty_like(known)
+    base, result = fill_base(base), np.empty_like(known)
     for around in grid.list_around(CONTEXT):
         row, column = (place // FINE for place in around.low)
         about = grid.cut(known, around)

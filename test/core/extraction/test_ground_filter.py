@@ -144,19 +144,28 @@ def test_ground_is_known_near_what_was_seen_and_as_high_wherever_a_part_ends():
     np.testing.assert_allclose(part[2 * FINE :, 2 * FINE :], whole[inner], atol=1e-4)
 
 
+@pytest.mark.parametrize('gap', [FINE // 4, 5 * FINE])
 @pytest.mark.parametrize('height', [8.0, 2.0])
-def test_what_lies_far_away_does_not_decide_what_is_ground(height):
-    """A tile has a halo, and sees no farther."""
+def test_a_strip_is_ground_if_it_lies_low_beside_the_next_ground(height, gap):
+    """Glint below a line over a river; the line itself, where none is seen."""
+    lowest = np.full((2 * FINE + gap, 60), np.nan, dtype=np.float32)
+    lowest[:FINE] = 0.0
+    lowest[FINE + gap : FINE + gap + 3] = height
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    strip = found[FINE + gap :][:3, 10:50]
+    assert strip.all() == strip.any() == (height < LEAST_RAISED)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_sparse_ground_near_counts_more_than_dense_ground_far_away(seed):
+    """A tile of a hill, with the valley beyond its halo."""
     lowest = np.full((8 * FINE, 60), np.nan, dtype=np.float32)
     lowest[:FINE] = 0.0
-    lowest[6 * FINE : 6 * FINE + 3] = height
+    hill = np.random.default_rng(seed).uniform(size=(3 * FINE, 60)) < 0.3
+    lowest[5 * FINE :][hill] = 40.0
     for part in (lowest, lowest[3 * FINE :]):
         _, found = estimate_ground(part, 1.0, 1.0)
-        assert not found[-3 * FINE :].any()
-    near = np.delete(lowest, slice(FINE + FINE // 4, 6 * FINE), axis=0)
-    _, found = estimate_ground(near, 1.0, 1.0)
-    strip = found[FINE + FINE // 4 :][:3, 10:50]
-    assert strip.all() == strip.any() == (height < LEAST_RAISED)
+        assert found[-2 * FINE :][hill[-2 * FINE :]].mean() > 0.99
 
 
 def test_a_plateau_is_ground_however_high():
