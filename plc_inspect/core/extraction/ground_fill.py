@@ -22,17 +22,26 @@ must tell as the whole does.
 
 
 def keep(surface: Float32, chosen: Bool) -> Float32:
-    """Return a surface without the cells that are not chosen."""
+    """Return a (rows, columns) surface [m], NaN in the cells that are not chosen."""
     return np.where(chosen, surface, np.float32(np.nan))
 
 
 def fill_near(values: Float32) -> Float32:
-    """Fill NaN cells from known ones that are near, WIDER; the others stay NaN."""
+    """Fill NaN of (rows, columns) cells [m] from known ones near, WIDER; the others stay NaN."""
     return fill(values, widen(shrink(values)))
 
 
+def fill_all(values: Float32) -> Float32:
+    """Fill NaN of (rows, columns) cells [m] from known ones, however far; a grid of NaN stays."""
+    return fill(values, widen_all(shrink(values)))
+
+
 def widen(base: Float32) -> Float32:
-    """Fill NaN squares of FINE up to WIDER from known ones with the means of those beside them."""
+    """
+    Fill NaN squares up to WIDER from known ones with the means of those beside them.
+
+    Squares of FINE, (rows, columns) float32 [m], as `shrink` returns them.
+    """
     rows, columns = base.shape
     for _ in range(WIDER):
         padded = np.pad(base, 1, constant_values=np.nan)
@@ -47,7 +56,7 @@ def widen(base: Float32) -> Float32:
 
 
 def widen_all(base: Float32) -> Float32:
-    """Fill all NaN squares of FINE: those that `widen` leaves from a pyramid of means."""
+    """Fill NaN squares as `widen`, and those that it leaves from a pyramid of means."""
     return _fill_all(widen(base))
 
 
@@ -67,7 +76,7 @@ def fill(values: Float32, base: Float32, levels: int = LEVELS) -> Float32:
     values : (rows, columns) float32
         [m]
     base : (rows, columns) float32
-        Means of squares of FINE, filled; NaN where nothing is near [m].
+        Means of squares of FINE, widened; NaN where cells shall stay so [m].
     levels : int
         Of the pyramid, each of cells twice as large.
 
@@ -83,7 +92,7 @@ def fill(values: Float32, base: Float32, levels: int = LEVELS) -> Float32:
 
 
 def shrink(values: Float32) -> Float32:
-    """Return the means of the means of known values, up to those of squares of FINE."""
+    """Return means of known cells, (rows, columns) float32 [m], of 2 x 2 up to squares of FINE."""
     for _ in range(LEVELS):
         values = _shrink(values)
     return values

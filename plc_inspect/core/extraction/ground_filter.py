@@ -8,13 +8,7 @@ from dataclasses import dataclass
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.extraction.ground_fill import (
-    fill,
-    fill_near,
-    keep,
-    shrink,
-    widen_all,
-)
+from plc_inspect.core.extraction.ground_fill import fill_all, fill_near, keep
 from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7
@@ -103,10 +97,9 @@ def estimate_ground(
 
     """
     found = find_surface(lowest, cell, max_slope)
-    sure = keep(found.surface, found.sure)
     seen = found.seen & is_low(
         found.surface, fill_near(keep(found.surface, found.dense)),
-        fill(sure, widen_all(shrink(sure))),
+        fill_all(keep(found.surface, found.sure)),
     )
     return fill_near(keep(found.surface, seen)), seen
 
@@ -151,6 +144,7 @@ def is_low(surface: Float32, dense: Float32, sure: Float32) -> Bool:
     """
     Tell what lies little above sure ground; a row of wires with none below it does not.
 
+    All are (rows, columns) float32 [m]: the lowest points, and dense and sure ground, filled.
     Where ground is dense near, what is sparse shows none: it may be rows of wires in a gap of it.
     Elsewhere sure ground counts, however far away, as over a river.
     """
