@@ -171,7 +171,7 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
             stamp + round(event.lead * 1e9), event.xyz, event.times, frame_id='lidar',
             now=event.time,
         )
-        book.add(accumulator.meter.take())
+        book.add(accumulator.entry.meter.take())
         texts = [
             accumulator.timing.describe(), accumulator.pose_gate.describe(), accumulator.doubt,
             book.judge().describe() if int(event.time * 10) % 10 == 0 else '',

@@ -70,7 +70,7 @@ def build(
             scan.stamp_ns + round(lead * 1e9), scan.xyz, scan.time, frame_id='velodyne',
             now=log * 1e-9,
         )
-        book.add(accumulator.meter.take())
+        book.add(accumulator.entry.meter.take())
     return accumulator, replace(book.judge(), doubt=accumulator.doubt)
 
 

@@ -34,7 +34,6 @@ from plc_inspect.core.mapping.scan_points import (
     select_points,
 )
 from plc_inspect.core.mapping.scan_timing import ScanTiming
-from plc_inspect.core.setup.looks import SharpnessMeter
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Float32
@@ -116,11 +115,6 @@ class Accumulator:
         return self.entry.map
 
     @property
-    def meter(self) -> SharpnessMeter:
-        """Measures how sharp the map is."""
-        return self.entry.meter
-
-    @property
     def doubt(self) -> str:
         """Why the odometry cannot be trusted, so that no result may be reported; '' if it can."""
         return self.pose_gate.doubt or self.follower.doubt
@@ -191,10 +185,12 @@ class Accumulator:
                 self._forget_times()
             if break_odd(self.poses, self.follower):
                 self._forget_times()
-            if tell:
-                tell()
-            self._drain()
-            self._enter(self.follower.settle(pose.stamp_ns))
+            try:
+                if tell:
+                    tell()
+            finally:  # what cannot be told keeps no scan from the map
+                self._drain()
+                self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
 
     def add_scan(

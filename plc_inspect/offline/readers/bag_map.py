@@ -87,7 +87,7 @@ def accumulate(
         except DataError as error:
             recording.skip('scan', 'scans: malformed', error)
         if book is not None:
-            book.add(accumulator.meter.take())
+            book.add(accumulator.entry.meter.take())
         if progress is not None:
             progress(recording.progress)
     accumulator.finish()

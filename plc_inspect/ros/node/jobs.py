@@ -125,7 +125,7 @@ def take_snapshot(intake: Intake, window: Window, flight: Flight) -> Snapshot:
         stamp_ns=intake.accumulator.last_inserted or 0,
         vehicle=intake.vehicle,
         complete=intake.evictor.complete,
-        looks=intake.accumulator.meter.take(),
+        looks=intake.accumulator.entry.meter.take(),
     )
 
 

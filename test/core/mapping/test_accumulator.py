@@ -553,3 +553,16 @@ def test_a_pose_is_told_of_before_the_scans_that_it_brackets_are_inserted():
     # one that is not accepted is not told of
     assert not accumulator.add_pose(START + 120 * MS, (np.nan, 0, 0), UPRIGHT, tell=tell)
     assert len(inserted) == 2
+
+
+def test_what_cannot_be_told_keeps_no_scan_from_the_map():
+    accumulator = make_accumulator()
+
+    def fail():
+        raise OSError('no room')
+
+    add_poses(accumulator, 0, 100)
+    add_plain_scan(accumulator, 105)
+    with pytest.raises(OSError, match='no room'):
+        accumulator.add_pose(START + 110 * MS, (SPEED * 0.11, 0, 0), UPRIGHT, tell=fail)
+    assert accumulator.counters().num_scans_inserted == 1
