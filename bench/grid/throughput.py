@@ -99,8 +99,8 @@ def measure(
             ))
         for num in workers:
             out = Path(room) / f'grid{num}'
-            wish = ('--workers', str(num)) if num else ('--tile', '1e9')
-            name = f'grid, {num} workers' if num else 'grid, no workers'
+            wish = ('--workers', str(num)) if num else ('--tile', '1e9')  # makes it a grid
+            name = f'grid, {num} workers' if num else 'grid, by default'
             seconds, busy, peak = run(str(path), '-o', str(out), *wish, *options, allowed=allowed)
             tiles = read_answers(out)
             rows.append((
@@ -159,7 +159,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--points', type=int, default=1_000_000, help='of each copy')
     parser.add_argument('--copies', type=int, default=10)
     parser.add_argument('--workers', type=int, nargs='*', default=[0, 1, 2],
-                        help='0: in the process itself, with all cores')
+                        help='0: as many as pay')
     parser.add_argument('--empty', type=int, default=0, metavar='N', help='plan N tiles as well')
     parser.add_argument('--allowed', type=float, default=0.0, metavar='GB',
                         help='address space of each process; no single survey is made')

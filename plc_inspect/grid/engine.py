@@ -10,6 +10,7 @@ Tasks are functions of plain values and paths, so no points pass through the sch
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+import importlib.util
 import logging
 from multiprocessing import resource_tracker
 import os
@@ -53,6 +54,8 @@ points): cores go further as workers.
 """
 CONNECT_TIMEOUT = 15.0
 """Seconds to wait for a scheduler."""
+TASKS_PER_WORKER = 2
+"""Tasks for each worker below which another one is not started: it would wait for the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,6 +187,31 @@ class DaskEngine:
                 ' perhaps for lack of memory'
             )
         return Outcome(name=task.name, stage=task.stage, answer=None, error=text)
+
+
+def count_workers(num_tasks: int, memory: float) -> int | None:
+    """
+    Return how many workers a local cluster should have.
+
+    Parameters
+    ----------
+    num_tasks : int
+        Long tasks, about.
+    memory : float
+        That a worker needs [bytes].
+
+    Returns
+    -------
+    int or None
+        At most one for each core.  None: this process, with all cores, as a second worker would
+        not pay, or Dask is missing.
+
+    """
+    if importlib.util.find_spec('distributed') is None:
+        return None
+    cores = len(os.sched_getaffinity(0))
+    num = min(cores, num_tasks // TASKS_PER_WORKER, int(measure_available() / memory))
+    return num if num > 1 else None
 
 
 @contextmanager

@@ -28,10 +28,9 @@ from plc_inspect.grid.cells.cut import (
     STATISTICS,
 )
 from plc_inspect.grid.cells.layout import (
-    BASE_BYTES,
-    BYTES_PER_POINT,
     CellGrid,
     count_allowed,
+    estimate_tile,
     lay_cells,
     lay_tiles,
     LEAST_EDGE,
@@ -381,7 +380,7 @@ def inspect_tiles(
 
 def estimate_memory(jobs: Sequence[TileJob]) -> float:
     """Return the memory expected for the largest tile [bytes]."""
-    return BASE_BYTES + BYTES_PER_POINT * max((job.tile.num_near for job in jobs), default=0)
+    return estimate_tile(max((job.tile.num_near for job in jobs), default=0))
 
 
 def renumber(sources: Sequence[Source], numbers: dict[str, int]) -> list[Source]:

@@ -3,7 +3,8 @@
 
 """Survey a grid, from its inputs to its results folder."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 import time
@@ -60,7 +61,7 @@ class GridInputs:
 
 def survey_grid(
     inputs: GridInputs, settings: Settings, rules: RuleSet | None, options: GridOptions,
-    engine: Engine, tell: Tell,
+    start: Callable[[int], AbstractContextManager[Engine]], tell: Tell,
 ) -> GridSummary:
     """
     Survey a grid; tasks that an earlier run finished are not run again.
@@ -75,8 +76,8 @@ def survey_grid(
         Clearance rules.
     options : GridOptions
         How the grid is divided.
-    engine : Engine
-        Runs the tasks.
+    start : callable
+        Opens the engine that runs the tasks, called with the number of points of all inputs.
     tell : callable
         Progress callback.
 
@@ -101,8 +102,9 @@ def survey_grid(
         require_horizontal(first.path, first.crs)
     if inputs.baseline is not None:
         check_systems(inputs.baseline, first.path, first.crs)
-    count_allowed(engine.memory)
-    with open_grid_folder(inputs.folder, inputs.force) as ledger:
+    num_points = sum(source.num_points for source in sources)
+    with start(num_points) as engine, open_grid_folder(inputs.folder, inputs.force) as ledger:
+        count_allowed(engine.memory)
         check_all_named(inputs.folder, ledger.list_sources(), paths)
         for name in ('index.html', TABLE):  # not whole any more
             (inputs.folder / name).unlink(missing_ok=True)

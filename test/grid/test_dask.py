@@ -224,3 +224,19 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
         ledger.keep_fact('a', 1)
         with pytest.raises(DataError, match='in use by another run'):
             Ledger(tmp_path, __version__)
+
+
+@pytest.mark.parametrize(('num_tasks', 'memory', 'num'), [
+    (1000, 1e9, 8), (10, 1e9, 5), (1000, 6e9, 3), (3, 1e9, None), (1000, 11e9, None),
+])
+def test_a_local_cluster_is_the_default_where_it_pays(num_tasks, memory, num, monkeypatch):
+    """It has a core, memory and two tasks for each worker, else there is none."""
+    monkeypatch.setattr(engine.os, 'sched_getaffinity', lambda _: set(range(8)))
+    monkeypatch.setattr(engine, 'measure_available', lambda: 20e9)
+    assert engine.count_workers(num_tasks, memory) == num
+
+
+def test_without_dask_this_process_runs_all(monkeypatch):
+    monkeypatch.setattr(engine.importlib.util, 'find_spec', lambda name: None)
+    monkeypatch.setattr(engine, 'measure_available', lambda: 1e12)
+    assert engine.count_workers(1000, 1e9) is None

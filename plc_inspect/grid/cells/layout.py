@@ -24,6 +24,11 @@ Source: judgement: a worker with small tiles took 0.5 GB on bench/grid/throughpu
 """
 MOST_POINTS = 12_000_000
 """Greatest number of points of a tile, whatever the memory.  Source: judgement; bounds a loss."""
+USUAL_POINTS = 6_000_000
+"""
+Number of points of a usual tile, less its halo.
+Source: judgement: 60 million lie in 9 tiles on bench/grid/throughput.py.
+"""
 LEAST_ALLOWED = 100_000
 """
 Least number of points of a tile for which memory must suffice.
@@ -125,6 +130,11 @@ class Tile:
         columns = range(max(self.first[0] - more, 0), min(self.last[0] + more + 1, grid.columns))
         rows = range(max(self.first[1] - more, 0), min(self.last[1] + more + 1, grid.rows))
         return [row * grid.columns + column for row in rows for column in columns]
+
+
+def estimate_tile(num_points: int) -> float:
+    """Return the memory that a worker needs for a tile with its halo [bytes]."""
+    return float(BASE_BYTES + BYTES_PER_POINT * num_points)
 
 
 def count_allowed(memory: float) -> int:
@@ -276,7 +286,7 @@ def lay_tiles(
                 )
                 raise TooDense(
                     f'{near} points lie within {least:g} m of a tile of {edge:g} m, '
-                    f'{(near * BYTES_PER_POINT + BASE_BYTES) / 1e9:.1f} GB of memory; '
+                    f'{estimate_tile(near) / 1e9:.1f} GB of memory; '
                     f'{allowed} points are allowed: give {advice} narrower --halo'
                 )
             wide = count(column, row, width, math.ceil(WIDEN * least / grid.edge))

@@ -15,7 +15,12 @@ from typing import Any, TYPE_CHECKING
 from plc_inspect import __version__
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.commands.command_line import BAD_INPUT, DEFECT, DONE, show_progress
-from plc_inspect.offline.commands.grid import check_numbers, choose_memory, tell_dashboard
+from plc_inspect.offline.commands.grid import (
+    check_numbers,
+    choose_memory,
+    choose_workers,
+    tell_dashboard,
+)
 from plc_inspect.offline.readers.bags import find_recordings
 from plc_inspect.printable import check_name, make_one_line, make_printable
 
@@ -26,6 +31,11 @@ if TYPE_CHECKING:
 
 FLIGHTS = 'flights'
 STAGE = 'flight'
+REPLAY_BYTES = 2e9
+"""
+Memory that the replay of a flight needs, at most [bytes].
+Source: judgement: that of bags/demo took 0.6 GB; a long flight has a larger map.
+"""
 
 
 def are_many(arguments: argparse.Namespace) -> bool:
@@ -193,8 +203,9 @@ def run_flights(
     files = (*LEDGER_FILES, TABLE, LOG, 'run.json', 'index.html', FLIGHTS)
     check_grid_folder(folder, files)
     memory = choose_memory(arguments, has_tiles=False)
+    num_workers = choose_workers(arguments, len(paths), memory or REPLAY_BYTES)
     with (
-        open_engine(arguments.workers, arguments.scheduler, memory) as engine,
+        open_engine(num_workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
         open_grid_folder(folder, arguments.force, files) as ledger,
     ):

@@ -4,7 +4,8 @@
 """The grid of ``plc_survey``: many inputs, or one that is divided."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 import glob
 import math
 from pathlib import Path
@@ -39,7 +40,7 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
     engine = group.add_mutually_exclusive_group()
     engine.add_argument(
         '--workers', type=int, metavar='N',
-        help='processes that inspect tiles, a core each (default: this one, with all cores)',
+        help='processes that inspect tiles, a core each (default: as many as pay)',
     )
     engine.add_argument(
         '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
@@ -117,6 +118,36 @@ def choose_memory(arguments: argparse.Namespace, has_tiles: bool = True) -> floa
     return None
 
 
+def choose_workers(
+    arguments: argparse.Namespace, num_tasks: int, memory: float
+) -> int | None:
+    """
+    Return the number of local workers that the arguments ask for, by default as many as pay.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        Of a command, with workers and scheduler.
+    num_tasks : int
+        Long tasks, about.
+    memory : float
+        That a worker needs [bytes].
+
+    Returns
+    -------
+    int or None
+        None for none besides this process.
+
+    """
+    from plc_inspect.grid.engine import count_workers
+
+    if arguments.scheduler is not None:
+        return None
+    if arguments.workers is not None:
+        return int(arguments.workers)
+    return count_workers(num_tasks, memory)
+
+
 def run_grid(
     arguments: argparse.Namespace, settings: 'Settings', rules: 'RuleSet | None',
     baseline: 'Survey | None' = None,
@@ -135,6 +166,7 @@ def run_grid(
         See `survey_grid`.
 
     """
+    from plc_inspect.grid.cells.layout import estimate_tile, MOST_POINTS, USUAL_POINTS
     from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.run import GridOptions
     from plc_inspect.grid.survey_grid import GridInputs, survey_grid
@@ -146,17 +178,22 @@ def run_grid(
     )
     options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
     memory = choose_memory(arguments)  # before workers are started
-    with (
-        open_engine(arguments.workers, arguments.scheduler, memory) as engine,
-        show_progress(arguments.quiet, time_left=True) as progress,
-    ):
-        tell_dashboard(engine, arguments.quiet)
+
+    @contextmanager
+    def start(num_points: int) -> Iterator['Engine']:
+        num_tiles = num_points // USUAL_POINTS
+        num = choose_workers(arguments, num_tiles, memory or estimate_tile(MOST_POINTS))
+        with open_engine(num, arguments.scheduler, memory) as engine:
+            tell_dashboard(engine, arguments.quiet)
+            yield engine
+
+    with show_progress(arguments.quiet, time_left=True) as progress:
 
         def tell(step: str, done: int, total: int, failed: int) -> None:
             label = f'{step} {done}/{total}' + (f', {failed} failed' if failed else '')
             progress(label, done / max(total, 1))
 
-        summary = survey_grid(inputs, settings, rules, options, engine, tell)
+        summary = survey_grid(inputs, settings, rules, options, start, tell)
     if not arguments.quiet:
         if summary.notes:
             more = len(summary.notes) - 1

@@ -204,7 +204,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     engine = group.add_mutually_exclusive_group()
     engine.add_argument(
         '--workers', type=int, metavar='N',
-        help='processes that replay flights, a core each (default: this one, with all cores)',
+        help='processes that replay flights, a core each (default: as many as pay)',
     )
     engine.add_argument(
         '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'

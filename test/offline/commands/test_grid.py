@@ -743,3 +743,22 @@ def test_wrong_options_are_refused(folder, tmp_path, capsys):
         capsys, cloud, '-o', out, '--halo', '60', '--force'
     )
     assert (out / 'mine.txt').exists()
+
+
+@pytest.mark.parametrize(('usual', 'is_local'), [(100, True), (6_000_000, False)])
+def test_many_tiles_are_inspected_by_a_local_cluster(
+    usual, is_local, folder, tmp_path, monkeypatch
+):
+    """The ledger tells in which process each task ran."""
+    monkeypatch.setattr(layout, 'USUAL_POINTS', usual)
+    monkeypatch.setattr(engine, 'measure_available', lambda: 9e9)
+    monkeypatch.setattr(engine.os, 'sched_getaffinity', lambda _: {0, 1})
+    out = tmp_path / 'out'
+    assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+    with Ledger(out, __version__) as ledger:
+        processes = {
+            entry['worker'] for entry in ledger.list_entries() if entry['stage'] != 'input'
+        }
+    own = f'{os.uname().nodename} {os.getpid()}'
+    assert (processes == {own}) is not is_local
+    assert (own in processes) is not is_local
