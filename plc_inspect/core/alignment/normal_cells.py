@@ -179,16 +179,18 @@ class NormalCells:
             Mean age of the cells of the fitting points [s].
 
         """
-        if self._origin is None:
-            return np.zeros((4, 4)), np.zeros(4), 0, 0, 0.0
-        self._follow_time(stamp_ns)
-        moved = move.apply(points) - self._origin
-        about = move.centre + move.shift - self._origin
-        matrix, slope, matched, fitting, age = _compare(
-            moved, about, self._keys, self._sums, self._counts, self._times, self._table,
-            stamp_ns, reach, noise * noise,
+        origin, keys, sums, counts, times, table = self.tables(stamp_ns)
+        matrix, slope, matched, fitting, age = compare_cells(
+            move.apply(points) - origin, move.centre + move.shift - origin, keys, sums, counts,
+            times, table, stamp_ns, reach, noise * noise,
         )
         return matrix, slope, int(matched), int(fitting), age * 1e-9 / max(fitting, 1)
+
+    def tables(self, stamp_ns: int) -> tuple[Float64, Int64, Float64, Int32, Int64, UInt32]:
+        """Return the origin (3,) [m], and what kernels compare points of a time [ns] with."""
+        self._follow_time(stamp_ns)
+        origin = np.zeros(3) if self._origin is None else self._origin
+        return origin, self._keys, self._sums, self._counts, self._times, self._table
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -238,9 +240,9 @@ def _add(points, stamp, keys, sums, counts, times, table, num):  # type: ignore[
 
 
 @njit(cache=True, nogil=True)
-def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floor):  # type: ignore[no-untyped-def]
+def compare_cells(points, about, keys, sums, counts, times, table, stamp, reach, floor):  # type: ignore[no-untyped-def]
     """
-    Compare points with the cells about them.
+    Compare points, and the centre of their turn, from the origin on with the cells about them.
 
     Returned are the normal equations of moving the points onto the cells, how many points have a
     cell, how many fit it, and the sum of the ages of their cells [ns].

@@ -9,7 +9,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.alignment.normal_cells import CELL, NOISE, NormalCells
+from plc_inspect.core.alignment.normal_cells import CELL, compare_cells, NOISE, NormalCells
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.results import Float64, Int64
 
@@ -32,6 +32,11 @@ COARSE_NOISE = 0.5
 """
 Standard deviation of a point in the coarse search [m].
 Source: derived: half a cell.
+"""
+PASSES = (1, COARSE_NOISE), (1, NOISE), (0, NOISE)
+"""
+Cells on each side that are searched, and standard deviation of a point [m], in turn.
+Source: judgement; not measured.
 """
 FREE_TURN = 0.2
 """
@@ -88,17 +93,15 @@ def fit_points(
 
     """
     known = np.linalg.inv(before)
-    move = start
-    passes = [(1, COARSE_NOISE), (1, NOISE), (0, NOISE)] if coarse else [(0, NOISE)]
-    for reach, noise in passes:
-        for _ in range(MOST_STEPS):
-            matrix, slope, *_ = cells.compare(points, move, stamp_ns, reach, noise)
-            off = np.append(move.shift - start.shift, move.yaw - start.yaw)
-            step = np.linalg.solve(matrix / SHARED + known, slope / SHARED - known @ off)
-            step = np.clip(step, -CELL, CELL)
-            move = RigidMove(move.shift + step[:3], move.yaw + float(step[3]), move.centre)
-            if math.hypot(*step[:3]) < SMALL and abs(step[3]) < SMALL / 50.0:
-                break
+    points = np.ascontiguousarray(points)
+    prior, off = np.append(start.shift, start.yaw), np.zeros(4)
+    for reach, noise in PASSES if coarse else PASSES[-1:]:
+        _approach(
+            points, prior, np.array(start.centre), off, SHARED * known, *cells.tables(stamp_ns),
+            stamp_ns, reach, noise * noise,
+        )
+    now = prior + off
+    move = RigidMove(now[:3], float(now[3]), start.centre)
     matrix, _, matched, fitting, age = cells.compare(points, move, stamp_ns, 0)
     return Fit(
         move=move, covariance=np.linalg.inv(matrix / SHARED + known), matched=matched,
@@ -146,6 +149,59 @@ def sample_points(points: Float64) -> Float64:
     chosen = order[_take_few(key[order])]
     step = 1 + (len(chosen) - 1) // MOST_SAMPLES
     return points[chosen[::step]]
+
+
+@njit(cache=True, nogil=True)
+def _approach(  # type: ignore[no-untyped-def]
+    points, prior, centre, off, known, origin, keys, sums, counts, times, table, stamp, reach,
+    floor,
+):
+    """
+    Move points onto the cells by Gauss-Newton steps; ``off`` is added to the shift and the turn.
+
+    All steps are one call: while a callback waits for Python's lock, the worker may hold it.
+    """
+    moved, about = np.empty_like(points), np.empty(3)
+    for _ in range(MOST_STEPS):
+        # by the turn about the vertical through the centre, and the shift
+        cos, sin = math.cos(prior[3] + off[3]), math.sin(prior[3] + off[3])
+        for p in range(3):
+            about[p] = centre[p] + prior[p] + off[p] - origin[p]
+        for n in range(len(points)):
+            x, y = points[n, 0] - centre[0], points[n, 1] - centre[1]
+            moved[n, 0] = cos * x - sin * y + about[0]
+            moved[n, 1] = sin * x + cos * y + about[1]
+            moved[n, 2] = points[n, 2] - centre[2] + about[2]
+        matrix, slope, _, _, _ = compare_cells(
+            moved, about, keys, sums, counts, times, table, stamp, reach, floor
+        )
+        for p in range(4):
+            for q in range(4):
+                slope[p] -= known[p, q] * off[q]
+                matrix[p, q] += known[p, q]
+        _solve(matrix, slope)
+        for p in range(4):
+            slope[p] = min(max(slope[p], -CELL), CELL)
+            off[p] += slope[p]
+        size = math.sqrt(slope[0] ** 2 + slope[1] ** 2 + slope[2] ** 2)
+        if size < SMALL and abs(slope[3]) < SMALL / 50.0:
+            break
+
+
+@njit(cache=True, nogil=True)
+def _solve(matrix, right):  # type: ignore[no-untyped-def]
+    """Solve in place; the matrix is symmetric and positive definite, so that no pivot is 0."""
+    num = len(right)
+    for k in range(num):
+        for p in range(k + 1, num):
+            factor = matrix[p, k] / matrix[k, k]
+            for q in range(k, num):
+                matrix[p, q] -= factor * matrix[k, q]
+            right[p] -= factor * right[k]
+    for k in range(num - 1, -1, -1):
+        for q in range(k + 1, num):
+            right[k] -= matrix[k, q] * right[q]
+        right[k] /= matrix[k, k]
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.alignment.normal_cells import NormalCells, OPEN_NS
-from plc_inspect.core.alignment.registration import sample_points
+from plc_inspect.core.alignment.registration import fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.extraction.dust import find_dust
 from plc_inspect.core.extraction.ground_grid import make_unknown
@@ -81,7 +81,7 @@ def warm_up_intake() -> None:
     cells = NormalCells()
     for number in range(3):
         cells.add(sample_points(points.astype(np.float64)), number)
-    cells.compare(points.astype(np.float64), RigidMove(), 2 * OPEN_NS, 1)
+    fit_points(cells, points.astype(np.float64), RigidMove(), np.eye(4), 2 * OPEN_NS)
     accumulator.entry.near.find(points[0].astype(np.float64), 8.0, accumulator.map.cells, 0)
     voxels = accumulator.map
     plan = WindowPlanner(4.0).plan(voxels, (), None)

@@ -20,6 +20,7 @@ from collections import deque
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.alignment.steady_errors import Steady
@@ -211,9 +212,10 @@ def compare_looks(looks: list[Look]) -> Rows:
     )
     group = group.reshape(-1)
     far = np.sqrt((lever**2).sum(axis=1))
-    mean = _sum(group, np.column_stack((
-        offsets, velocity, lidar - lidar[0], lever, axes, seconds, far,
-    )), len(key))
+    mean = np.hstack([
+        _sum(group, item, len(key))
+        for item in (offsets, velocity, lidar - lidar[0], lever, axes, seconds, far[:, None])
+    ])
     mean /= count[:, None]
     apart = offsets - mean[group, :3]
     scatter = _sum(group, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(key))
@@ -305,7 +307,8 @@ def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
         weight = sure * ((FREEDOM + num_looks - 1.0) / (FREEDOM + square))[cell]
         matrix = moves.T @ (moves * weight[:, None])
         unit = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
-        inverse = np.linalg.pinv(matrix / np.outer(unit, unit)) / np.outer(unit, unit)
+        inverse = np.linalg.pinv(matrix / np.outer(unit, unit), hermitian=True)
+        inverse /= np.outer(unit, unit)
         values = -inverse @ (moves.T @ (weight * off))
     rest = off + moves @ values
     left, before = (
@@ -343,7 +346,8 @@ def _leave_out(group: Int64, moves: Float64, weight: Float64, rest: Float64) -> 
     own = np.zeros((len(slope), moves.shape[1], moves.shape[1]))
     own[:, upper[0], upper[1]] = _sum(group, weighed[:, upper[0]] * moves[:, upper[1]], len(slope))
     own[:, upper[1], upper[0]] = own[:, upper[0], upper[1]]
-    change = np.einsum('gij,gj->gi', np.linalg.pinv(moves.T @ weighed - own), slope)
+    inverse = np.linalg.pinv(moves.T @ weighed - own, hermitian=True)
+    change = np.einsum('gij,gj->gi', inverse, slope)
     result: Float64 = np.sqrt((len(slope) - 1) / len(slope) * (change**2).sum(axis=0))
     return result
 
@@ -363,5 +367,13 @@ def _number(parts: list[Int64]) -> Int64:
 
 def _sum(group: Int64, values: Float64, num: int) -> Float64:
     """Sum the rows of (N, K) values by group."""
-    columns = [np.bincount(group, column, minlength=num) for column in values.T]
-    return np.stack(columns, axis=1)
+    result = np.zeros((num, values.shape[1]))
+    _add_rows(group, np.ascontiguousarray(values), result)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _add_rows(group, values, result):  # type: ignore[no-untyped-def]
+    for n in range(len(group)):
+        for k in range(values.shape[1]):
+            result[group[n], k] += values[n, k]
