@@ -11,7 +11,8 @@ from plc_inspect.core.alignment.steady_errors import Steady
 from plc_inspect.core.mapping.placement import PlacedScan, Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
-from plc_inspect.core.setup.steady_fit import choose_points, Look, SteadyFit
+from plc_inspect.core.setup.look_cells import choose_points, Look
+from plc_inspect.core.setup.steady_fit import SteadyFit
 from plc_inspect.results import Float64, Int64
 
 STEP_NS = 20_000_000

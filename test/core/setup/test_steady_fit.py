@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plc_inspect.core.setup.steady_fit import (
+from plc_inspect.core.setup.look_cells import (
     choose_points,
+    gather_cells,
+    Look,
+    REACHES,
+    SAMPLES,
+)
+from plc_inspect.core.setup.steady_fit import (
     compare_looks,
     fit_rows,
-    Look,
     NUM,
-    REACHES,
     Rows,
-    SAMPLES,
     SteadyFit,
     WINDOW_NS,
 )
@@ -144,9 +147,12 @@ def test_few_planes_that_are_none_tell_nothing():
 
 def test_too_little_tells_nothing():
     rng = np.random.default_rng(8)
-    nothing = Look(*[np.zeros((0, 3))] * 3, np.zeros((0, 3, 3)), np.zeros(0, np.int64))
-    assert len(compare_looks([nothing] * 3).off) == 0
-    empty = compare_looks([make_look(0, rng)])
+    look = make_look(0, rng)
+    few = gather_cells(Look(
+        look.points[:4], look.velocity[:4], look.lidar[:4], look.axes[:4], look.stamps[:4]
+    ))
+    assert len(compare_looks([few] * 3).off) == 0
+    empty = compare_looks([gather_cells(make_look(0, rng))])
     assert len(empty.off) == 0  # one look is nothing to compare
     assert fit_rows(deque([empty]), np.zeros(NUM)) is None
     fit = SteadyFit()
@@ -173,6 +179,6 @@ def test_input_is_unchanged():
     rng = np.random.default_rng(9)
     looks = [make_look(number, rng) for number in range(5)]
     before = [item.points.copy() for item in looks]
-    compare_looks(looks)
+    compare_looks([gather_cells(look) for look in looks])
     for item, was in zip(looks, before, strict=True):
         np.testing.assert_array_equal(item.points, was)
