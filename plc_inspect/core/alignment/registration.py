@@ -11,6 +11,7 @@ import numpy as np
 
 from plc_inspect.core.alignment.normal_cells import CELL, compare_cells, NOISE, NormalCells
 from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.numerics.cell_sums import pack_cells
 from plc_inspect.results import Float64, Int64
 
 MOST_STEPS = 12
@@ -95,10 +96,10 @@ def fit_points(
     known = np.linalg.inv(before)
     points = np.ascontiguousarray(points)
     prior, off = np.append(start.shift, start.yaw), np.zeros(4)
+    centre, tables = np.array(start.centre), cells.tables(stamp_ns)
     for reach, noise in PASSES if coarse else PASSES[-1:]:
-        _approach(
-            points, prior, np.array(start.centre), off, SHARED * known, *cells.tables(stamp_ns),
-            stamp_ns, reach, noise * noise,
+        _approach(  # SHARED points weigh as one beside the prior
+            points, prior, centre, off, SHARED * known, *tables, stamp_ns, reach, noise * noise,
         )
     now = prior + off
     move = RigidMove(now[:3], float(now[3]), start.centre)
@@ -142,9 +143,7 @@ def sample_points(points: Float64) -> Float64:
     """
     if not len(points):
         return points
-    index = np.floor((points - points.min(axis=0)) / CELL).astype(np.int64)
-    size = index.max(axis=0) + 1
-    key = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
+    key = pack_cells(np.floor((points - points.min(axis=0)) / CELL).astype(np.int64))
     order = np.argsort(key, kind='stable')
     chosen = order[_take_few(key[order])]
     step = 1 + (len(chosen) - 1) // MOST_SAMPLES

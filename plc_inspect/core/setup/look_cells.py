@@ -5,9 +5,9 @@
 
 from dataclasses import dataclass
 
-from numba import njit
 import numpy as np
 
+from plc_inspect.core.numerics.cell_sums import pack_cells, sum_rows
 from plc_inspect.core.setup.looks import CELL
 from plc_inspect.results import Float64, Int64
 
@@ -110,25 +110,3 @@ def gather_cells(look: Look) -> LookCells:
         index[place][good], count[good], mean[good], scatter[good], first,
         (look.lidar[0], look.lidar[-1]), (int(look.stamps[0]), int(look.stamps[-1])),
     )
-
-
-def pack_cells(index: Int64) -> Int64:
-    """Return one number (N,) for each cell (N, 3)."""
-    index = index - index.min(axis=0)
-    size = index.max(axis=0) + 1
-    result: Int64 = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
-    return result
-
-
-def sum_rows(group: Int64, values: Float64, num: int) -> Float64:
-    """Sum the rows of (N, K) values by group."""
-    result = np.zeros((num, values.shape[1]))
-    _add_rows(group, np.ascontiguousarray(values), result)
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _add_rows(group, values, result):  # type: ignore[no-untyped-def]
-    for n in range(len(group)):
-        for k in range(values.shape[1]):
-            result[group[n], k] += values[n, k]

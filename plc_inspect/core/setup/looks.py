@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plc_inspect.core.numerics.cell_sums import pack_cells, sum_rows
 from plc_inspect.results import Float64, Int64
 
 CELL = 4.0
@@ -172,28 +173,25 @@ def measure_spread(window: LookWindow) -> Spread:
     scale = SCALES[window.scale]
     index = np.floor(window.points / CELL).astype(np.int64)
     offsets = window.points - (index + 0.5) * CELL
-    index -= index.min(axis=0)
-    size = index.max(axis=0) + 1
-    cell = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
     look = (window.stamps - window.stamps.min()) // scale.look_ns
     num_looks = int(look.max()) + 1
     key, group, count = np.unique(
-        cell * num_looks + look, return_inverse=True, return_counts=True
+        pack_cells(index) * num_looks + look, return_inverse=True, return_counts=True
     )
     # means and scatter of each look in each cell
-    mean = _sum(group, offsets, len(key)) / count[:, None]
+    mean = sum_rows(group, offsets, len(key)) / count[:, None]
     apart = offsets - mean[group]
-    scatter = _sum(group, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(key))
+    scatter = sum_rows(group, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(key))
     good = count >= scale.least_points
     key, count, mean, scatter = key[good], count[good], mean[good], scatter[good]
     # pooled over the looks of a cell, and between them
     _, home, looks = np.unique(key // num_looks, return_inverse=True, return_counts=True)
-    total = _sum(home, count[:, None].astype(np.float64), len(looks))
-    centre = _sum(home, mean * count[:, None], len(looks)) / np.maximum(total, 1.0)
+    total = sum_rows(home, count[:, None].astype(np.float64), len(looks))
+    centre = sum_rows(home, mean * count[:, None], len(looks)) / np.maximum(total, 1.0)
     apart = (mean - centre[home]) * np.sqrt(count)[:, None]
-    between = _sum(home, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(looks))
+    between = sum_rows(home, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(looks))
     kept = looks >= LEAST_LOOKS
-    within = _sum(home, scatter, len(looks))[kept] / (total[kept] - looks[kept, None])
+    within = sum_rows(home, scatter, len(looks))[kept] / (total[kept] - looks[kept, None])
     # without what the noise of one look's mean is in any map
     expected = within * ((looks[kept] - 1) / total[kept, 0])[:, None]
     between = (between[kept] / total[kept] - expected).reshape(-1, 3, 3)
@@ -209,12 +207,6 @@ def measure_spread(window: LookWindow) -> Spread:
         lines=_project(between[line], axes[line, :, 1]),
         noise=np.maximum(values[plane, 0], 0.0),
     )
-
-
-def _sum(group: Int64, values: Float64, num: int) -> Float64:
-    """Sum the rows of (N, K) values by group."""
-    columns = [np.bincount(group, column, minlength=num) for column in values.T]
-    return np.stack(columns, axis=1)
 
 
 def _project(variance: Float64, axis: Float64) -> Float64:

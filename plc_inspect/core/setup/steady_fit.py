@@ -23,13 +23,8 @@ import math
 import numpy as np
 
 from plc_inspect.core.alignment.steady_errors import Steady
-from plc_inspect.core.setup.look_cells import (
-    gather_cells,
-    Look,
-    LookCells,
-    pack_cells,
-    sum_rows,
-)
+from plc_inspect.core.numerics.cell_sums import pack_cells, sum_rows
+from plc_inspect.core.setup.look_cells import gather_cells, Look, LookCells
 from plc_inspect.core.setup.looks import LINE, PLANE, ROUGH, ROUGH_SHARE
 from plc_inspect.results import Float64, Int64
 

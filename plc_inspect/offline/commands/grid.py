@@ -121,24 +121,7 @@ def choose_memory(arguments: argparse.Namespace, has_tiles: bool = True) -> floa
 def choose_workers(
     arguments: argparse.Namespace, num_tasks: int, memory: float
 ) -> int | None:
-    """
-    Return the number of local workers that the arguments ask for, by default as many as pay.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        Of a command, with workers and scheduler.
-    num_tasks : int
-        Long tasks, about.
-    memory : float
-        That a worker needs [bytes].
-
-    Returns
-    -------
-    int or None
-        None for none besides this process.
-
-    """
+    """Return the local workers that are asked for, None for none; default: `count_workers`."""
     from plc_inspect.grid.engine import count_workers
 
     if arguments.scheduler is not None:
