@@ -170,7 +170,7 @@ def _find_point(points: Float64, position: Float64, way: Float64) -> dict[str, A
     }
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, error_model='numpy')
 def _nearest_on(row, px, py, pz):  # type: ignore[no-untyped-def]
     """Where on a row's curve it is nearest to a place, and how near."""
     dx, dy = px - row[0], py - row[1]
@@ -186,7 +186,7 @@ def _nearest_on(row, px, py, pz):  # type: ignore[no-untyped-def]
     return x, math.sqrt((x - along) ** 2 + across**2 + above**2)
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, error_model='numpy')
 def _are_strange(points, rows, supports, place):  # type: ignore[no-untyped-def]
     """Tell which points about a place are near no row's curve and no point of a support."""
     reach = 0.0
@@ -209,7 +209,7 @@ def _are_strange(points, rows, supports, place):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, error_model='numpy')
 def _approach_curves(rows, position, way):  # type: ignore[no-untyped-def]
     """Nearest row, x on it and distance; and the closest approach to any, and when it is."""
     number, at, least = 0, 0.0, np.inf
@@ -234,7 +234,7 @@ def _approach_curves(rows, position, way):  # type: ignore[no-untyped-def]
     return number, at, least, closest, closest_in
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, error_model='numpy')
 def _approach_points(points, position, way):  # type: ignore[no-untyped-def]
     """Nearest point and its distance; and the closest approach to any, and when it is."""
     square = way[0] ** 2 + way[1] ** 2 + way[2] ** 2

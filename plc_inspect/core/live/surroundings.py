@@ -117,19 +117,11 @@ class Surroundings:
         """
         if not self.ground or not (np.abs(position) < MOST_COORDINATE).all():
             return False
-        low, high = cells.locate(np.array([position[:2] - reach, position[:2] + reach]))
-        places = np.stack(
-            np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)),
-                        indexing='ij'), axis=-1,
-        ).reshape(-1, 2)
-        corner = places * cells.cell_size
-        apart = np.clip(position[:2], corner, corner + cells.cell_size) - position[:2]
-        places = places[np.hypot(*apart.T) <= reach]
-        found = cells.find(places)
+        found = cells.find_all(position, reach)
         if (found < 0).any() or not cells.count[found].all():
             return False
         is_high = cells.high[found] - cells.low[found].min() >= beta
-        return {*map(tuple, places[is_high].tolist())} <= self.settled
+        return {*map(tuple, cells.index_of(found[is_high]).tolist())} <= self.settled
 
 
 def surround(spans: Sequence[Span], obstacles: Float64) -> Surroundings:

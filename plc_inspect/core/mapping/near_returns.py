@@ -140,15 +140,11 @@ class NearReturns:
 
 def _find_lowest(cells: CellIndex, place: Float64) -> float:
     """Return the height of the lowest place of the map about the vehicle [m]."""
-    low, high = cells.locate(np.array([place[:2] - ABOUT, place[:2] + ABOUT]))
-    index = np.stack(np.meshgrid(
-        *(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)), indexing='ij',
-    ), axis=-1).reshape(-1, 2)
-    found = cells.find(index)
+    found = cells.find_all(place, ABOUT)
     return float(cells.low[found[found >= 0]].min(initial=np.inf))
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, error_model='numpy')
 def _are_ahead(  # type: ignore[no-untyped-def]
     points: Float64, place: Float64, reach: float, below: float
 ) -> Bool:
@@ -161,7 +157,7 @@ def _are_ahead(  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, error_model='numpy')
 def _are_many(points: Float64, number: Int64) -> Bool:  # type: ignore[no-untyped-def]
     """Tell about which points there are enough others, of another scan as well."""
     result = np.zeros(len(points), dtype=np.bool_)

@@ -104,7 +104,11 @@ class CellIndex:
     @property
     def index(self) -> Int64:
         """(C, 2) column and row of each cell."""
-        keys = self._keys[: self._num]
+        return self.index_of(slice(self._num))
+
+    def index_of(self, cells: Int32 | slice) -> Int64:
+        """Return the (K, 2) columns and rows of some cells."""
+        keys = self._keys[cells]
         return np.column_stack((keys >> 32, (keys & 0xFFFFFFFF) - HALF_ROWS))
 
     @property
@@ -120,6 +124,25 @@ class CellIndex:
         """Return the cell at each of (N, 2) columns and rows, -1 where there is none."""
         keys = (index[:, 0] << 32) + index[:, 1] + HALF_ROWS
         return _find_cells(keys, self._table, self._keys)
+
+    def find_all(self, place: Float64, reach: float) -> Int32:
+        """
+        Return all cells near a place, -1 for each where there is none.
+
+        Parameters
+        ----------
+        place : (2+,) float64
+            Where, finite [m].
+        reach : float
+            Greatest distance in plan from there to a cell [m].
+
+        Returns
+        -------
+        (K,) int32
+
+        """
+        size = self._cell_size
+        return _find_all(float(place[0]), float(place[1]), reach, size, self._table, self._keys)
 
     def settle(self, cells: Int64) -> None:
         """Count no voxel of these cells as new from now on."""
@@ -266,12 +289,28 @@ class CellIndex:
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _find_cells(keys, table, cell_keys):  # type: ignore[no-untyped-def]
     result = np.empty(len(keys), dtype=np.int32)
     for i in range(len(keys)):
         result[i] = find_slot(keys[i], table, cell_keys)
     return result
+
+
+@njit(cache=True)
+def _find_all(x, y, reach, size, table, cell_keys):  # type: ignore[no-untyped-def]
+    left, right = int(np.floor((x - reach) / size)), int(np.floor((x + reach) / size))
+    front, back = int(np.floor((y - reach) / size)), int(np.floor((y + reach) / size))
+    result = np.empty((right - left + 1) * (back - front + 1), dtype=np.int32)
+    num = 0
+    for column in range(left, right + 1):
+        aside = x - min(max(x, column * size), (column + 1) * size)
+        for row in range(front, back + 1):
+            along = y - min(max(y, row * size), (row + 1) * size)
+            if aside * aside + along * along <= reach * reach:
+                result[num] = find_slot((column << 32) + row + HALF_ROWS, table, cell_keys)
+                num += 1
+    return result[:num]
 
 
 @njit(cache=True, nogil=True)

@@ -4,8 +4,10 @@
 """Rows to messages of rclpy."""
 
 import array
+from functools import cache
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
@@ -34,10 +36,7 @@ def make_cloud(header: Header, rows: NDArray[Any]) -> PointCloud2:
         header=header,
         height=1,
         width=len(rows),
-        fields=[
-            PointField(name=name, offset=offset, datatype=datatype, count=1)
-            for name, offset, datatype in list_fields(rows.dtype)
-        ],
+        fields=_make_fields(rows.dtype),
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=rows.dtype.itemsize * len(rows),
@@ -45,3 +44,12 @@ def make_cloud(header: Header, rows: NDArray[Any]) -> PointCloud2:
     )
     message.data = array.array('B', rows.tobytes())
     return message
+
+
+@cache
+def _make_fields(layout: np.dtype[Any]) -> list[PointField]:
+    """Return the fields of rows; made once, as ~/proximity comes with each pose."""
+    return [
+        PointField(name=name, offset=offset, datatype=datatype, count=1)
+        for name, offset, datatype in list_fields(layout)
+    ]

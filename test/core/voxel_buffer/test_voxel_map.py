@@ -189,6 +189,16 @@ def test_dropped_voxels_are_gone_and_the_rest_is_found_again(seed):
     )
 
 
+@pytest.mark.parametrize('reach', [0.0, 4.0, 25.0])
+def test_all_cells_within_reach_are_found(reach):
+    cells = make_map(np.random.default_rng(3).uniform(-50.0, 50.0, (40, 3))).cells
+    place, size = np.array([-3.0, 6.5, 0.0]), cells.cell_size
+    index = np.stack(np.meshgrid(np.arange(-9, 9), np.arange(-9, 9)), axis=-1).reshape(-1, 2)
+    apart = np.clip(place[:2], index * size, (index + 1) * size) - place[:2]
+    expected = cells.find(index[np.hypot(*apart.T) <= reach])
+    assert sorted(cells.find_all(place, reach).tolist()) == sorted(expected.tolist())
+
+
 def test_cells_know_their_voxels():
     voxels = make_map([[0.05, 0.05, 1.05], [9.95, 9.95, 3.05], [10.05, 0.05, 0.05], [-0.05, 0, 0]])
     cells = voxels.cells
