@@ -9,7 +9,7 @@ step, scans wait until they are registered to it, with the vehicle's motion as p
 cannot be registered, the map starts anew, as otherwise every wire would show twice.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from plc_inspect.core.alignment.drift_filter import DriftFilter
 from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
 from plc_inspect.core.alignment.parts import BY_RATE, gather_points, Part, Seen
-from plc_inspect.core.alignment.pending_break import PendingBreak
+from plc_inspect.core.alignment.pending_break import PendingBreak, SAME
 from plc_inspect.core.alignment.pose_watch import Break, Oddity, PoseWatch
 from plc_inspect.core.alignment.registration import Fit, fit_heading, fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
@@ -47,17 +47,8 @@ LEAST_FEW = 50
 """The same of the few for which the turn is searched.  Source: as LEAST_MATCHED, of a third."""
 LEAST_SHARE = 0.5
 """Least share of them that must fit.  Source: measured: bench/studies/odometry_faults.py."""
-CLEARLY = 0.1
-"""Least gain in that share for a less likely position to be accepted.  Source: judgement."""
 MOST_SIGMA = 0.15
 """Greatest standard deviation of a part's place [m].  Source: derived: 0.2 m must hold."""
-LITTLE = 2.0
-"""
-Steps up to this are bridged by the motion alone if nothing is seen twice [m].
-Source: judgement: a correction; what is greater may be another frame.
-"""
-SAME = 0.05
-"""Steps that return to within this count as none [m].  Source: derived: the noise of a point."""
 ENGAGE, ENGAGE_AGAIN = 0.15, 0.12
 """
 Drift from which scans are corrected, within a pass and after the vehicle has come back [m].
@@ -70,11 +61,6 @@ Source: measured: bench/studies/odometry_faults.py: with 5 it was seen 0.05 m la
 """
 TWICE = 2
 """Consecutive batches that must agree.  Source: judgement."""
-UNSURE, STEADY = 0.5, 0.01
-"""
-Sigma of position after a break with unknown motion [m], of heading after any break [rad].
-Source: judgement; not measured.
-"""
 SEEDED = 150.0
 """Radius about the vehicle of the reference in a resumed map [m].  Source: numerical: 0.2 s."""
 LOST_AFTER = 4
@@ -112,6 +98,7 @@ class Follower:
         self._pending: PendingBreak | None = None
         self._give_up_waiting()
         self._batch: list[Seen] = []
+        self._due: tuple[list[Seen], Float64] | None = None  # and where the vehicle was then
         self._doubts = self._strays = 0
         self.steady.clear()
 
@@ -219,7 +206,7 @@ class Follower:
         waiting = self._pending
         waiting.add(found, self._place)
         self._give_up_waiting()
-        if waiting.quick and waiting.size < SAME:
+        if waiting.is_none:
             self._pending = None
         return found
 
@@ -227,7 +214,7 @@ class Follower:
         self.num_given_up += len(self._waiting)
         self._waiting = []
 
-    def take(self, scan: Seen) -> Iterator[Seen | Part]:
+    def take(self, scan: Seen) -> Iterator[Seen | Part | None]:
         """
         Take a scan, and yield what can go into the map.
 
@@ -238,8 +225,9 @@ class Follower:
 
         Yields
         ------
-        Seen or Part
-            Scans in the map frame, or a part that is not aligned, with which the map starts anew.
+        Seen, Part or None
+            Scans in the map frame, or a part that is not aligned, with which the map starts anew;
+            None in between.
 
         """
         if self._pending is None or int(scan.stamps.max(initial=scan.stamp_ns)) < (
@@ -250,7 +238,7 @@ class Follower:
         self._waiting.append(scan)
         yield from self.settle(self._stamp)
 
-    def settle(self, now_ns: int, *, at_once: bool = False) -> Iterator[Seen | Part]:
+    def settle(self, now_ns: int, *, at_once: bool = False) -> Iterator[Seen | Part | None]:
         """Yield scans that waited for a break, once it is resolved or the wait has ended."""
         if self._pending is None or not self._waiting:
             return
@@ -258,19 +246,38 @@ class Follower:
         long = self._waiting[-1].stamp_ns - begin >= WAIT_NS and len(self._waiting) > 2
         if not long and now_ns - begin < MOST_WAIT_NS and not at_once:
             return
+        yield from self.catch_up()
         pending, scans = self._pending, self._waiting
         self._pending, self._waiting, self._batch = None, [], []
         yield from self._note(self._resolve(pending, scans))
         for scan in scans:
             yield from self._release(scan)
 
-    def _release(self, scan: Seen) -> Iterator[Seen | Part]:
-        """Yield a scan in the map frame, and compare it with the reference."""
+    def _release(self, scan: Seen) -> Iterator[Seen | Part | None]:
+        """Yield a scan in the map frame; a batch that it ends is due to be compared."""
+        yield from self.catch_up()
         self._batch.append(scan)
+        if scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
+            self._due, self._batch = (self._batch, self._place), []
         yield replace(scan, points=self._move_at(scan.stamp_ns).apply(scan.points))
-        if self._batch and scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
-            batch, self._batch = self._batch, []
-            yield from self._note(self._learn(batch))
+
+    def catch_up(self) -> Iterator[Part | None]:
+        """
+        Compare the batch that is due with the reference, if one is.
+
+        It takes longer than a scan may keep a pose waiting: whoever can does it in pieces, before
+        the next scan.
+
+        Yields
+        ------
+        Part or None
+            None between pieces; a part that is not aligned, with which the map starts anew.
+
+        """
+        if self._due is not None:
+            batch, self._due = self._due, None
+            part = yield from self._learn(*batch)
+            yield from self._note(part)
 
     def _note(self, part: Part | None) -> Iterator[Part]:
         """Store a part, and yield it if the map starts anew with it."""
@@ -279,17 +286,22 @@ class Follower:
             if not part.aligned:
                 yield part
 
-    def _learn(self, batch: list[Seen]) -> Part | None:
-        """Compare a batch with the reference, and add it."""
+    def _learn(
+        self, batch: list[Seen], place: Float64
+    ) -> Generator[None, None, Part | None]:
+        """Compare a batch, which ended with the vehicle at a place, and add it; in pieces."""
         points = gather_points(batch, REACH)
         stamp = batch[len(batch) // 2].stamp_ns
         if self._filter is None:
-            self._filter = DriftFilter(self._held.about(self._place), stamp)
+            self._filter = DriftFilter(self._held.about(place), stamp)
         tracked = self._filter
-        self.steady.begin(tracked, self._place)
-        way = tracked.predict(stamp, self._place)
+        self.steady.begin(tracked, place)
+        way = tracked.predict(stamp, place)
         known = sample_points(points), tracked.move, tracked.covariance, stamp
-        fit, free = fit_points(self._cells, *known), fit_heading(self._cells, *known)
+        yield None
+        fit = fit_points(self._cells, *known)
+        yield None
+        free = fit_heading(self._cells, *known)
         if free.matched >= LEAST_FEW and free.share >= LEAST_SHARE:
             self.steady.judge_heading(fit, free)
         part: Part | None = None
@@ -300,7 +312,7 @@ class Follower:
                 part = self._judge(fit, stamp)
             elif self._following:
                 self._strays += 1
-        part = part or self._mend(tracked, way, stamp)
+        part = part or self._mend(tracked, way, place, stamp)
         if self._strays >= LOST_AFTER:
             part = self._give_up('the odometry drifts, and what is seen does not fit', stamp)
         self._cells.add(self._move_at(stamp).apply(points), stamp)
@@ -331,9 +343,11 @@ class Follower:
             sigma=_find_sigma(fit.covariance), aligned=True, by='what was seen twice',
         )
 
-    def _mend(self, tracked: DriftFilter, way: float, stamp: int) -> Part | None:
+    def _mend(
+        self, tracked: DriftFilter, way: float, place: Float64, stamp: int
+    ) -> Part | None:
         """Restart with a corrected odometry if it has a steady error."""
-        cause = self.steady.judge_way(tracked, way, self._place)
+        cause = self.steady.judge_way(tracked, way, place)
         if not cause:
             return None
         self._cells.clear()
@@ -347,28 +361,14 @@ class Follower:
         points = sample_points(gather_points(scans, WIDE))
         stamp = scans[-1].stamp_ns
         before = self.move
-        choices = [
-            (before.after(pending.total), pending.sigma), (before, 2.0 * SAME),
-        ]
-        if not pending.quick:
-            choices = [(before, UNSURE), *choices[:1]]
-        best: Fit | None = None
-        for move, sigma in choices:
-            if sigma > LITTLE:
-                continue
-            known = np.diag([sigma**2] * 3 + [STEADY**2])
-            fit = fit_points(
-                self._cells, points, move.about(self._place), known, stamp, coarse=True
-            )
-            if best is None or fit.share > best.share + CLEARLY:
-                best = fit
+        best = pending.register(self._cells, points, before, self._place, stamp)
         by = 'what was seen twice'
         if best is None or best.matched < LEAST_MATCHED:
-            if not pending.quick or pending.size > LITTLE:
+            if not pending.is_little:
                 return self._give_up(pending.cause, pending.begin_ns)
             by = 'the motion'
             moved = before.after(pending.total).about(self._place)
-            spread = np.diag([pending.sigma**2] * 3 + [STEADY**2])
+            spread = pending.spread
         elif best.share < LEAST_SHARE or _find_sigma(best.covariance) > MOST_SIGMA:
             return self._give_up(pending.cause, pending.begin_ns)
         else:

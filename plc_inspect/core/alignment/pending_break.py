@@ -7,9 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plc_inspect.core.alignment.normal_cells import NormalCells
 from plc_inspect.core.alignment.pose_watch import Break, Oddity
+from plc_inspect.core.alignment.registration import Fit, fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.results import Float64
+
+CLEARLY = 0.1
+"""Least gain in the share that fits for a less likely position.  Source: judgement."""
+LITTLE = 2.0
+"""
+Steps up to this are bridged by the motion alone if nothing is seen twice [m].
+Source: judgement: a correction; what is greater may be another frame.
+"""
+SAME = 0.05
+"""Steps that return to within this count as none [m].  Source: derived: the noise of a point."""
+UNSURE, STEADY = 0.5, 0.01
+"""
+Sigma of position after a break with unknown motion [m], of heading after any break [rad].
+Source: judgement; not measured.
+"""
 
 
 @dataclass(slots=True, eq=False)
@@ -40,3 +57,62 @@ class PendingBreak:
         self.quick = self.quick and found.oddity is Oddity.STEP
         self.size = float(np.linalg.norm(self.total.about(place).shift))
         self.begin_ns = found.after_ns
+
+    @property
+    def is_none(self) -> bool:
+        """Whether the odometry has come back to where it was."""
+        return self.quick and self.size < SAME
+
+    @property
+    def is_little(self) -> bool:
+        """Whether the motion alone may bridge it."""
+        return self.quick and self.size <= LITTLE
+
+    @property
+    def spread(self) -> Float64:
+        """(4, 4) covariance of position [m2] and heading [rad2] by the motion."""
+        return _spread(self.sigma)
+
+    def register(
+        self, cells: NormalCells, points: Float64, before: RigidMove, place: Float64, stamp: int
+    ) -> Fit | None:
+        """
+        Register points that were seen after the break, from each place that is likely.
+
+        Parameters
+        ----------
+        cells : NormalCells
+            The reference.
+        points : (N, 3) float64
+            In the frame of the odometry as it is now [m].
+        before : RigidMove
+            Into the map, before the break.
+        place : (3,) float64
+            Of the vehicle, in the same frame [m].
+        stamp : int
+            Of the newest point [ns].
+
+        Returns
+        -------
+        Fit or None
+            None where no place is likely.
+
+        """
+        choices = [(before.after(self.total), self.sigma), (before, 2.0 * SAME)]
+        if not self.quick:
+            choices = [(before, UNSURE), *choices[:1]]
+        best: Fit | None = None
+        for move, sigma in choices:
+            if sigma > LITTLE:
+                continue
+            fit = fit_points(
+                cells, points, move.about(place), _spread(sigma), stamp, coarse=True
+            )
+            if best is None or fit.share > best.share + CLEARLY:
+                best = fit
+        return best
+
+
+def _spread(sigma: float) -> Float64:
+    result: Float64 = np.diag([sigma**2] * 3 + [STEADY**2])
+    return result

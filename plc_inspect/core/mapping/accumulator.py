@@ -39,17 +39,12 @@ from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Float32
 
 QUEUE_SIZE = 64
-"""
-Greatest number of scans that wait for odometry.
-Source: numerical: 3.2 s at 20 Hz, the fastest turn of the Puck Lite.
-"""
+"""Most scans that wait for poses.  Source: numerical: 3.2 s at 20 Hz, the Puck Lite's fastest."""
 RESERVED_VOXELS = 8_000_000
 """
 Voxels allocated at the start, so that no scan pays for growing.
 Source: derived: the default of map.max_voxels.
 """
-LEADS = 16
-"""Scans over which the median lead is taken.  Source: judgement; not measured."""
 
 
 class Accumulator:
@@ -81,12 +76,12 @@ class Accumulator:
         self.map.reserve(RESERVED_VOXELS)
         self._clock, self._waits = ScanClock(), WaitClock(recorded=recorded)
         self._queue: deque[WaitingScan] = deque()
+        self._rest: Iterator[None] = iter(())  # of the work that the last scan makes
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
         self._lidar_frame = ''
         self.mount: Mount | None = None  # for the scans in the map
         self._gate, self.timing = ScanGate(), ScanTiming()
-        self._leads: deque[float] = deque(maxlen=LEADS)
         self.last_inserted: int | None = None
         """Stamp of the scan inserted last [ns], None before the first."""
         self._before: Counters | None = None
@@ -104,9 +99,8 @@ class Accumulator:
         source = settings.input
         self._min_range, self._max_range = source.min_range, source.max_range
         self._max_wait = source.max_wait
-        self.placer.configure(source)
-        self.poses.configure(source)
-        self.pose_gate.configure(source)
+        for part in (self.placer, self.poses, self.pose_gate):
+            part.configure(source)
         self.map.configure(settings.map)
 
     @property
@@ -189,6 +183,7 @@ class Accumulator:
                 if tell:
                     tell()
             finally:  # what cannot be told keeps no scan from the map
+                deque(self._rest, maxlen=0) if self.follower.waits else next(self._rest, None)
                 self._drain()
                 self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
@@ -243,8 +238,7 @@ class Accumulator:
         stamps = self.timing.shift(stamp_ns, stamps)
         first, last = find_ends(stamps, stamp_ns)
         # count, and queue the scan in place of the oldest where the queue is full
-        if self.poses.last_stamp is not None:
-            self._leads.append((last - self.poses.last_stamp) * 1e-9)
+        self._clock.note_lead(last, self.poses.last_stamp)
         self._lidar_frame = frame_id
         self._counts['points'] += len(points) + num_not_finite
         self._counts['not finite'] += not_finite + num_not_finite
@@ -282,6 +276,7 @@ class Accumulator:
             self._take_pose(pose)
         for _ in self._take_waiting():
             self._dropped[DropReason.NO_POSE_AFTER] += 1
+        deque(self._rest, maxlen=0)
         self._enter(self.follower.settle(0, at_once=True))
 
     def reset(self, *, keep_map: bool = False) -> None:
@@ -296,7 +291,6 @@ class Accumulator:
         """
         self.poses.clear()
         self._clock = self._clock.restarted()
-        self._leads.clear()
         self.entry.forget_times()
         self._forget_times()
         if not keep_map:
@@ -314,6 +308,7 @@ class Accumulator:
         self._gate.forget_times()
         self.pose_gate.forget_times()
         self.timing.forget_times()
+        self._rest = iter(())
         self.follower.forget_times()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
@@ -332,6 +327,7 @@ class Accumulator:
                 self._insert(scan)
 
     def _insert(self, scan: WaitingScan) -> None:
+        deque(self._rest, maxlen=0)
         early = is_placed(self._lidar_frame, self.frame_id) and not scan.placed
         if early or self._gate.is_disproved(scan.stamp_ns):  # early: the map frame was unknown
             self._dropped[DropReason.NO_POSE_BEFORE if early else DropReason.DISPROVED] += 1
@@ -343,28 +339,33 @@ class Accumulator:
             if found in (DropReason.POSE_JUMP, DropReason.POSE_FROZEN):
                 self.timing.forget_looks()
             return
-        if cause := self.timing.look(scan, self.placer, self.poses):
-            self.follower.clear()
-            self.entry.begin_anew(cause)
-            self._dropped[DropReason.BEGUN_ANEW] += 1
-            return
-        self.follower.steady.hear(self.timing.steady)
         self._counts['too near'] += found.num_near
         self._counts['too far'] += found.num_far
         seen = Seen(found.points, found.stamps, found.apart, scan.stamp_ns)
         self._enter(self.follower.take(seen))
+        self._rest = self._compare(scan)
 
-    def _enter(self, ready: Iterable[Seen | Part]) -> None:
+    def _compare(self, scan: WaitingScan) -> Iterator[None]:
+        """Compare a scan with those before it, in pieces of which each keeps a pose waiting."""
+        for cause in self.timing.look(scan, self.placer, self.poses):
+            if cause:
+                self._begin_anew(cause)
+            yield
+        self.follower.steady.hear(self.timing.steady)
+        for part in self.follower.catch_up():
+            self._enter([part])
+            yield
+
+    def _enter(self, ready: Iterable[Seen | Part | None]) -> None:
         """Insert scans into the map; begin it anew at a part that does not fit into it."""
-        for item in ready:
+        for item in (item for item in ready if item is not None):
             if isinstance(item, Part):
                 self.entry.begin_anew(item.describe())
                 continue
             insertion = self.entry.enter(item)
             if insertion is None and self.entry.is_away(item):
                 back = self.follower.move.inverse()
-                self.follower.clear()
-                self.entry.begin_anew('the odometry left the range of the map')
+                self._begin_anew('the odometry left the range of the map')
                 item = replace(item, points=back.apply(item.points))
                 insertion = self.entry.enter(item)
             if insertion is None:
@@ -382,14 +383,17 @@ class Accumulator:
         self.mount = mount
         if before is not None and not mount.equals(before) and len(self.map):
             self.timing.forget_looks()
-            self.follower.clear()
-            self.entry.begin_anew(f'the mount of the lidar has changed: {mount.describe()}')
+            self._begin_anew(f'the mount of the lidar has changed: {mount.describe()}')
+
+    def _begin_anew(self, cause: str) -> None:
+        self.follower.clear()
+        self.entry.begin_anew(cause)
 
     def counters(self) -> Counters:
         """Return the counts since the start."""
         dropped = self._dropped + Counter({DropReason.BEGUN_ANEW: self.follower.num_given_up})
+        waiting = len(self._queue) + self.follower.num_waiting
         now = gather_counters(
-            self._counts, dropped, self.poses, self._clock, self._leads,
-            len(self._queue) + self.follower.num_waiting, self.entry.num_restarts,
+            self._counts, dropped, self.poses, self._clock, waiting, self.entry.num_restarts
         )
         return now if self._before is None else now.add(self._before)

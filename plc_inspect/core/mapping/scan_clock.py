@@ -26,6 +26,8 @@ Longest time between two calls that counts in full, as a share of the longest wa
 Source: derived: at least two calls, with all that came in between them, before a scan is dropped.
 """
 
+LEADS = 16
+"""Scans over which the median lead is taken.  Source: judgement; not measured."""
 RESTART_AFTER = 10
 """
 Consecutive stamps, ascending but earlier than those before, that show a clock set back.
@@ -97,7 +99,7 @@ class WaitClock:
 
 class ScanClock:
     """
-    Counts the scans that are missing between header stamps.
+    Counts the scans that are missing between header stamps, and how far they are ahead of poses.
 
     A step of more than GAP median periods lacks as many scans as fit into it.  Backward steps are
     ignored.
@@ -107,6 +109,7 @@ class ScanClock:
         self.num_lost = 0
         self.num_interruptions = 0
         self._periods: deque[float] = deque(maxlen=WINDOW)
+        self._leads: deque[float] = deque(maxlen=LEADS)
         self._last: int | None = None
 
     @property
@@ -120,6 +123,16 @@ class ScanClock:
         clock.num_lost = self.num_lost
         clock.num_interruptions = self.num_interruptions
         return clock
+
+    def note_lead(self, last_ns: int, pose_ns: int | None) -> None:
+        """Take the newest time of a scan and that of the newest pose, None without one [ns]."""
+        if pose_ns is not None:
+            self._leads.append((last_ns - pose_ns) * 1e-9)
+
+    @property
+    def lead(self) -> float | None:
+        """By which scans are ahead of poses when they come, median [s]; None while unknown."""
+        return median(self._leads) if self._leads else None
 
     def add(self, stamp_ns: int) -> int:
         """

@@ -3,13 +3,11 @@
 
 """Counters of scans, points and poses that came in or were dropped, by reason."""
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 import enum
 from typing import Any
-
-import numpy as np
 
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
 from plc_inspect.core.mapping.scan_clock import ScanClock
@@ -88,7 +86,7 @@ class Counters:
 
 def gather_counters(
     counts: Counter[str], dropped: Mapping[DropReason, int], poses: PoseBuffer, clock: ScanClock,
-    leads: deque[float], num_waiting: int, num_map_restarts: int,
+    num_waiting: int, num_map_restarts: int,
 ) -> Counters:
     """Return the counters since the start, from the parts of an accumulator."""
     of_poses = poses.counts
@@ -114,6 +112,6 @@ def gather_counters(
         num_pose_jumps=poses.num_jumps,
         num_pose_restarts=of_poses.get(PoseStatus.RESTARTED, 0),
         num_map_restarts=num_map_restarts,
-        stamp_lead=float(np.median(leads)) if leads else None,
+        stamp_lead=clock.lead,
         pose_period=poses.period,
     )

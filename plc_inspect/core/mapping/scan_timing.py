@@ -3,6 +3,7 @@
 
 """Corrects the times of scans if their clock surely differs from that of the odometry."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -97,22 +98,31 @@ class ScanTiming:
         offset = self._offset + self._rate * (stamp_ns - self._since) * 1e-9
         return min(max(offset, -MOST_OFFSET), MOST_OFFSET)
 
-    def look(self, scan: WaitingScan, placer: Placer, poses: PoseBuffer) -> str:
+    def look(self, scan: WaitingScan, placer: Placer, poses: PoseBuffer) -> Iterator[str]:
         """
-        Compare a scan with those before, and correct the offset.
+        Compare a scan with those before, and correct the offset; in pieces.
 
-        Returns
-        -------
+        Yields
+        ------
         str
-            Why the map must begin anew, '' if it can be kept.
+            Why the map must begin anew, '' between pieces.
 
         """
+        seen = self._look(scan, placer, poses)
+        if seen is None or not self._fit.see(seen, scan.stamp_ns):
+            return
+        yield ''
+        for _ in self._fit.judge():
+            yield ''
+        yield self._correct(scan.stamp_ns)
+
+    def _look(self, scan: WaitingScan, placer: Placer, poses: PoseBuffer) -> Look | None:
+        """Return some points of a scan, and how each would move if the clock were off."""
         if scan.placed or not len(scan.xyz):
-            return ''
-        # some of its points, and how each would move if the clock were off
+            return None
         chosen = choose_points(np.sqrt(np.einsum('ij,ij->i', scan.xyz, scan.xyz)))
         if not len(chosen):
-            return ''
+            return None
         some = replace(scan, xyz=scan.xyz[chosen], stamps=scan.stamps[chosen])
         now = placer.place(some, poses)
         before = placer.place(replace(some, stamps=some.stamps - STEP_NS), poses)
@@ -121,27 +131,28 @@ class ScanTiming:
             isinstance(now, PlacedScan) and isinstance(before, PlacedScan)
             and isinstance(lidar, PlacedScan)
         ):
-            return ''
+            return None
         if not (np.abs(now.points) < MOST_COORDINATE).all():  # poses at no place
-            return ''
+            return None
         velocity = (now.points - before.points) / (STEP_NS * 1e-9)
-        seen = Look(
+        return Look(
             now.points, velocity, lidar.points, _find_axes(some, placer, poses, lidar), now.stamps
         )
-        # the offset at which planes coincide, if sure
-        new, steady = self._fit.see(seen, scan.stamp_ns), self._fit.steady
-        if not new or steady is None or not steady.sure[0] or abs(steady.values[0]) < LEAST_OFFSET:
+
+    def _correct(self, stamp_ns: int) -> str:
+        """Correct the offset at which planes coincide, if sure; learn drift from small ones."""
+        steady = self._fit.steady
+        if steady is None or not steady.sure[0] or abs(steady.values[0]) < LEAST_OFFSET:
             return ''
-        # correct it, and learn the drift from small corrections
         found = float(steady.values[0])
-        offset = self._find_offset(scan.stamp_ns) + found
+        offset = self._find_offset(stamp_ns) + found
         if abs(offset) > MOST_OFFSET:
             return ''
         if self._since is not None and self._newest < LARGE:
-            seconds = max((scan.stamp_ns - self._since) * 1e-9, 1.0)
+            seconds = max((stamp_ns - self._since) * 1e-9, 1.0)
             self._rate += LEARNING * found / seconds
             self._rate = float(np.clip(self._rate, -MOST_RATE, MOST_RATE))
-        self._offset, self._since, self._newest = offset, scan.stamp_ns, abs(found)
+        self._offset, self._since, self._newest = offset, stamp_ns, abs(found)
         self._fit.clear()
         return self.describe() if abs(found) > SMEARED else ''
 

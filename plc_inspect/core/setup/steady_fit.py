@@ -17,6 +17,7 @@ plane is none in all its looks.
 """
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 import math
 
@@ -117,6 +118,7 @@ class SteadyFit:
         """Expect nothing of the next scan."""
         self._window = -1
         self._looks: list[LookCells] = []
+        self._complete: list[LookCells] = []
         self._rows: deque[Rows] = deque(maxlen=REMEMBERED)
         self._values = np.zeros(NUM)
         self.steady: Steady | None = None
@@ -124,7 +126,7 @@ class SteadyFit:
 
     def see(self, look: Look, stamp_ns: int) -> bool:
         """
-        Take some points of a scan; tell whether what is known is of now.
+        Take some points of a scan; tell whether a window is complete, for ``judge``.
 
         Parameters
         ----------
@@ -134,17 +136,20 @@ class SteadyFit:
             Of the scan [ns].
 
         """
-        looks, window = self._looks, stamp_ns // WINDOW_NS
-        seen = gather_cells(look)
+        window, seen = stamp_ns // WINDOW_NS, gather_cells(look)
         if window == self._window:
-            looks.append(seen)
+            self._looks.append(seen)
             return False
-        self._window, self._looks = window, [seen]
-        if len(looks) >= LEAST_LOOKS:
-            self._rows.append(compare_looks(looks))
+        self._complete, self._looks, self._window = self._looks, [seen], window
+        return True
+
+    def judge(self) -> Iterator[None]:
+        """Fit the values to the window that is complete, in pieces."""
+        if len(self._complete) >= LEAST_LOOKS:
+            self._rows.append(compare_looks(self._complete))
+            yield
             self.steady = fit_rows(self._rows, self._values)
             self._values = np.zeros(NUM) if self.steady is None else self.steady.values
-        return True
 
 
 def compare_looks(looks: list[LookCells]) -> Rows:
