@@ -10,7 +10,7 @@ them; what a wrong mount, wrong frames or wrong times do grows with the way flow
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -144,11 +144,16 @@ class SharpnessBook:
         self._spreads.extend(measure_spread(window) for window in windows)
 
     def judge(self) -> Sharpness:
-        """Return how sharp the map is, by the worst of planes and lines."""
+        """
+        Return how sharp the map is, by the worst of planes and lines.
+
+        Of few cells the median is great by chance: up to the limit the first that are enough
+        count as they are, others as far as they surely lie apart.
+        """
         found = Sharpness()
         near, far = (self._measure(scale, 'planes', LEAST_PLANES) for scale in (LONG, FAR))
         planes, limit = (near, LONG.limit) if near is not None else (far, FAR.limit)
-        sharp = planes is not None and planes.distance <= limit
+        sharp = planes is not None and planes[0].distance <= limit
         # what the long one shows may not be known yet
         unsure = not any(SCALES[item.scale] is LONG for item in self._spreads)
         for scale, kind, least, gross in (
@@ -156,34 +161,39 @@ class SharpnessBook:
             (SHORT, 'planes', LEAST_PLANES, GROSS_PLANES),
             (SHORT, 'lines', LEAST_LINES, GROSS_LINES), (FAR, 'planes', LEAST_PLANES, 0.0),
         ):
-            own = self._measure(scale, kind, least)
-            if own is None or own.distance < gross:
+            measured = self._measure(scale, kind, least)
+            if measured is None or measured[0].distance < gross:
                 continue
             arcs = kind == 'lines' and scale is SHORT and sharp
             if arcs or (scale is SHORT and unsure) or (scale is FAR and found.known):
                 continue
+            own = measured[found.known]
             if own.blur >= found.blur:
                 found = own
         return found
 
-    def _measure(self, scale: Scale, kind: str, least: int) -> Sharpness | None:
-        """Return what one scale says by planes or lines, None where there are too few."""
+    def _measure(
+        self, scale: Scale, kind: str, least: int
+    ) -> tuple[Sharpness, Sharpness] | None:
+        """Return what one scale says by planes or lines, and surely; None: there are too few."""
         own = [item for item in self._spreads if SCALES[item.scale] is scale]
         values = _gather([item.planes if kind == 'planes' else item.lines for item in own])
         if len(values) < least:
             return None
         noise = _gather([item.noise for item in own])
-        distance = float(np.sqrt(np.median(values)))
+        low = max(0.0, 0.5 - 0.5 * UNSURE / np.sqrt(len(values)))
+        distance, sure = (float(np.sqrt(item)) for item in np.quantile(values, (0.5, low)))
         # what grows with the way flown is that much more over a long window
         share = LONG.window_ns / scale.window_ns / scale.limit
-        blur = share * distance
-        # of few cells the median may be great by chance
-        low = float(np.quantile(values, max(0.0, 0.5 - 0.5 * UNSURE / np.sqrt(len(values)))))
-        if share * np.sqrt(low) <= HELD:
-            blur = min(blur, HELD)
-        return Sharpness(
-            blur=blur, distance=distance, num_cells=len(values),
+        found = Sharpness(
+            blur=share * distance, distance=distance, num_cells=len(values),
             noise=float(np.sqrt(np.median(noise))) if len(noise) else 0.0,
+        )
+        if share * sure > HELD:
+            return found, found
+        return (
+            replace(found, blur=min(found.blur, HELD)),
+            replace(found, blur=share * sure, distance=sure),
         )
 
 

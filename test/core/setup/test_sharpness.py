@@ -67,6 +67,16 @@ def test_lines_are_not_looked_for_where_none_can_be_right():
     assert 'nothing is looked for' in far.describe()
 
 
+@pytest.mark.parametrize(('num', 'apart', 'expected'), [
+    (8, 0.03, 0.01), (800, 0.03, 0.03), (8, 0.2, 0.2), (800, 0.005, 0.01),
+])
+def test_lines_count_as_far_as_they_surely_lie_apart(num, apart, expected):
+    lines = (apart * np.linspace(0.0, 2.0, num)) ** 2
+    book = SharpnessBook()
+    book.restore([Spread(1, np.full(200, 0.01**2), lines, np.zeros(200))])
+    assert book.judge().distance == pytest.approx(expected, rel=0.1)
+
+
 def test_noisy_and_rough_is_not_blurred():
     assert not fly(noise=0.05).poor
 
