@@ -66,13 +66,14 @@ CHANCE = 5e-6
 Probability of a value as great by chance.
 Source: derived: 1 in 20 in an hour, with 1800 windows of six values.
 """
-MOST_REST = 3.0
+MOST_REST = 6.0
 """
 Squares of what is left over their variances, in the median of the planes, up to which the values
 are believed.
-Source: derived: chi squared of nine degrees of freedom, 99.9 %; measured:
-bench/studies/input_faults.py: 0.4 to 3 with or without a steady error, 10 to 60 where crowns and
-arcs of the scan are taken for planes.
+Source: measured: bench/studies/input_faults.py, sharpness.py: 0.1 to 1 where planes are ground and
+houses, 3 to 8 where strands and crowns are among them: values are right to 1 degree there, and
+none was sure in 20 right flights, whatever is left; 10 to 60 where crowns and arcs of the scan are
+most of them.
 """
 EXPLAINED = 2.0
 """
