@@ -14,6 +14,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.blur import choose_worst, measure_reach
 from plc_inspect.core.hazards.breaches import Breaches, find_breaches
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.columns import THICK
 from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
 from plc_inspect.core.hazards.trees import segment_trees, stand_near
 from plc_inspect.core.numerics.grouping import group_cells, group_points
@@ -165,6 +166,9 @@ def find_encroachments(
             own = _find_near(around, asked, around.surface == (kind == HazardKind.STRUCTURE))
             offends[own] |= _find_breaches(around.take(own), models, asked).limit >= 0
     explained = np.zeros(len(offends), dtype=bool)
+    on_axis = np.flatnonzero(offends)
+    on_axis = on_axis[_are_on_axis(around.points[on_axis], supports)]
+    offends[on_axis], explained[on_axis] = False, True
     if not offends.any():
         return [], explained
     tree = _find_trees(around, offends)
@@ -218,6 +222,19 @@ def is_held(points: Float64, model: SpanModel, supports: Sequence[Support]) -> B
     x, _ = model.curve.local(points)
     for place, end in ((model.start_x, model.span.start), (model.end_x, model.span.end)):
         result |= np.abs(x - place) <= ROOM.get(find_kind(model.span, end, supports), THIN_ROOM)
+    return result
+
+
+def _are_on_axis(points: Float64, supports: Sequence[Support]) -> Bool:
+    """Tell the points inside of poles: no search for supports looks at the lowest of them."""
+    result = np.zeros(len(points), dtype=bool)
+    order = np.argsort(points[:, 0], kind='stable')
+    for support in supports:
+        x, y = support.position[:2]
+        bounds = x - THICK / 2.0, x + THICK / 2.0
+        low, high = np.searchsorted(points[:, 0], bounds, sorter=order)
+        near = order[low:high]
+        result[near] |= np.hypot(*(points[near, :2] - (x, y)).T) <= THICK / 2.0
     return result
 
 

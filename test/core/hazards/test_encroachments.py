@@ -86,6 +86,15 @@ def test_the_pole_that_holds_an_end_is_no_hazard(kind):
     assert explained.sum() >= 10
 
 
+def test_a_bush_at_a_pole_is_as_near_as_its_own_points_are():
+    bush = make_tree(2.0, 0.0, 9.0, bottom=2.0)
+    (alone,), _ = search(bush, supports=make_supports('pole'))
+    pole = make_column(0.0, top=10.5)
+    (record,), explained = search(np.vstack([bush, pole]), supports=make_supports('pole'))
+    assert record['clearance'] == alone['clearance']
+    assert not explained[:len(bush)].any()
+
+
 @pytest.mark.parametrize('x', [-3.0, 50.0])
 def test_a_thin_tree_elsewhere_is_one_and_so_is_one_behind_the_last_pole(x):
     (record,), explained = search(make_column(x), supports=make_supports('pole'))
