@@ -52,6 +52,8 @@ PAGE = ROOT / 'docs' / 'faults.md'
 COLUMNS = 'fault', 'found', 'end', 'said in /diagnostics, and at the end'
 NEAR = 0.5
 """Distance within which a span lies where one of the flight without fault does [m]."""
+GOES_ON = 10.0
+"""Beyond its open ends a span of that flight may be seen so much farther [m]."""
 NOT_TRIED = 'not tried'
 """End of a flight that could not begin here."""
 LEAST_FOUND = 0.9
@@ -291,10 +293,16 @@ def _send(feeder: Feeder, events: list[Event], fault: Fault, rate: float) -> str
     return note
 
 
-def trace(span: dict[str, Any]) -> np.ndarray:
-    """Return (N, 3) points along a span of spans.json, half a metre apart or nearer [m]."""
+def trace(span: dict[str, Any], more: float = 0.0) -> np.ndarray:
+    """
+    Return (N, 3) points along a span of spans.json, half a metre apart or nearer [m].
+
+    Beyond its open ends it goes on so far.
+    """
     start, end = np.array(span['start']), np.array(span['end'])
-    along = np.linspace(0.0, span['length'], 2 + int(span['length'] / 0.5))
+    low = -more * span['open_start']
+    high = span['length'] + more * span['open_end']
+    along = np.linspace(low, high, 2 + int((high - low) / 0.5))
     plan = start[:2] + (end - start)[:2] * (along / max(span['length'], 1e-9))[:, None]
     heights = span['a'] + span['c'] * np.cosh((along - span['b']) / span['c'])
     return np.column_stack((plan, heights))
@@ -363,7 +371,7 @@ def compare(found: str, reference: list[Any], offset: Sequence[float]) -> Outcom
     move = find_move(Path(found))
     traces = [(move or RigidMove()).apply(trace(item)) for item in spans]
     offset = np.zeros(3) if move else np.array(offset)
-    known = cKDTree(np.concatenate([trace(item) for item in reference]) + offset)
+    known = cKDTree(np.concatenate([trace(item, GOES_ON) for item in reference]) + offset)
     ghosts = sum(bool((known.query(item)[0] > NEAR).any()) for item in traces)
     tree = cKDTree(np.concatenate(traces or [np.full((1, 3), 1e9)]))
     far = [tree.query(trace(item) + offset)[0] <= NEAR for item in reference]
