@@ -162,12 +162,15 @@ class SharpnessBook:
             (SHORT, 'lines', LEAST_LINES, GROSS_LINES), (FAR, 'planes', LEAST_PLANES, 0.0),
         ):
             measured = self._measure(scale, kind, least)
-            if measured is None or measured[0].distance < gross:
+            if measured is None:
+                continue
+            own, surely = measured
+            if own.distance < gross:
                 continue
             arcs = kind == 'lines' and scale is SHORT and sharp
             if arcs or (scale is SHORT and unsure) or (scale is FAR and found.known):
                 continue
-            own = measured[found.known]
+            own = surely if found.known else own
             if own.blur >= found.blur:
                 found = own
         return found
