@@ -170,6 +170,7 @@ def _find_point(points: Float64, position: Float64, way: Float64) -> dict[str, A
     }
 
 
+# These keep Python's lock: each return from a kernel without it would wait for a tick.
 @njit(cache=True, error_model='numpy')
 def _nearest_on(row, px, py, pz):  # type: ignore[no-untyped-def]
     """Where on a row's curve it is nearest to a place, and how near."""

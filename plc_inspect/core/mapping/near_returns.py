@@ -144,6 +144,7 @@ def _find_lowest(cells: CellIndex, place: Float64) -> float:
     return float(cells.low[found[found >= 0]].min(initial=np.inf))
 
 
+# These keep Python's lock: each return from a kernel without it would wait for a tick.
 @njit(cache=True, error_model='numpy')
 def _are_ahead(  # type: ignore[no-untyped-def]
     points: Float64, place: Float64, reach: float, below: float

@@ -289,6 +289,7 @@ class CellIndex:
         )
 
 
+# These two keep Python's lock: a return from a kernel without it would wait for a tick.
 @njit(cache=True)
 def _find_cells(keys, table, cell_keys):  # type: ignore[no-untyped-def]
     result = np.empty(len(keys), dtype=np.int32)
