@@ -11,6 +11,7 @@ and inserted as a whole, or dropped as a whole and counted with the reason.
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 import math
 
 import numpy as np
@@ -76,7 +77,7 @@ class Accumulator:
         self.map.reserve(RESERVED_VOXELS)
         self._clock, self._waits = ScanClock(), WaitClock(recorded=recorded)
         self._queue: deque[WaitingScan] = deque()
-        self._rest: Iterator[None] = iter(())  # of the work that the last scan makes
+        self._rest: Iterator[None] = iter(())  # work of the last scan; a break needs all of it
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
         self._lidar_frame = ''
@@ -183,7 +184,7 @@ class Accumulator:
                 if tell:
                     tell()
             finally:  # what cannot be told keeps no scan from the map
-                deque(self._rest, maxlen=0) if self.follower.waits else next(self._rest, None)
+                deque(islice(self._rest, None if self.follower.waits else 1), maxlen=0)
                 self._drain()
                 self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
@@ -379,11 +380,10 @@ class Accumulator:
     def _follow_mount(self) -> None:
         """Begin the map anew if the mount of the lidar differs from that of the scans in it."""
         self.placer.set_frames(self.frames, self._lidar_frame)
-        mount, before = self.placer.mount, self.mount
-        self.mount = mount
-        if before is not None and not mount.equals(before) and len(self.map):
+        before, self.mount = self.mount, self.placer.mount
+        if before is not None and not self.mount.equals(before) and len(self.map):
             self.timing.forget_looks()
-            self._begin_anew(f'the mount of the lidar has changed: {mount.describe()}')
+            self._begin_anew(f'the mount of the lidar has changed: {self.mount.describe()}')
 
     def _begin_anew(self, cause: str) -> None:
         self.follower.clear()

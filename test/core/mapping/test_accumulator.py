@@ -566,3 +566,27 @@ def test_what_cannot_be_told_keeps_no_scan_from_the_map():
     with pytest.raises(OSError, match='no room'):
         accumulator.add_pose(START + 110 * MS, (SPEED * 0.11, 0, 0), UPRIGHT, tell=fail)
     assert accumulator.counters().num_scans_inserted == 1
+
+
+def test_what_a_scan_leaves_to_compare_is_done_in_pieces_before_the_next_one():
+    accumulator, done = make_accumulator(), []
+
+    def look(scan, placer, poses):
+        for number in range(6):
+            done.append((scan.stamp_ns, number, accumulator.last_inserted))
+            yield ''
+
+    accumulator.timing.look = look
+    add_poses(accumulator, 0, 100)
+    add_plain_scan(accumulator, 95)
+    add_plain_scan(accumulator, 125)
+    assert [number for _, number, _ in done] == []
+    for count, ms in enumerate((110, 120), start=1):
+        add_poses(accumulator, ms, ms)
+        assert len(done) == count  # one piece, with each pose
+    add_poses(accumulator, 130, 130)
+    first = [number for stamp, number, _ in done if stamp == START + 95 * MS]
+    assert first == list(range(6))
+    assert {last for _, number, last in done if number < 6} == {START + 95 * MS}
+    accumulator.finish()
+    assert len(done) == 12
