@@ -30,8 +30,7 @@ from plc_inspect.core.catenary.curve_row import (
     LOW,
     NUM_POINTS,
     open_row,
-    ORIGIN_X,
-    ORIGIN_Y,
+    plan_of,
     RMSE,
     ROUNDING,
     see_above,
@@ -198,15 +197,15 @@ def _bar(rows, number, near):  # type: ignore[no-untyped-def]
 def _may_be_one(row, other):  # type: ignore[no-untyped-def]
     """Tell whether two curves lie beside each other, or meet without an offset or a kink."""
     # where the other one begins and ends along this one
-    first, _ = to_local(row, *_plan_of(other, other[LOW]))
-    last, _ = to_local(row, *_plan_of(other, other[HIGH]))
+    first, _ = to_local(row, *plan_of(other, other[LOW]))
+    last, _ = to_local(row, *plan_of(other, other[HIGH]))
     start, end = max(row[LOW], min(first, last)), min(row[HIGH], max(first, last))
     shorter = min(row[HIGH] - row[LOW], other[HIGH] - other[LOW])
     if end - start > BESIDE_SHARE * shorter:
         return True
     # both curves in the middle of the gap, or of what they have in common
     x = 0.5 * (start + end)
-    px, py = _plan_of(row, x)
+    px, py = plan_of(row, x)
     other_x, across = to_local(other, px, py)
     miss = math.hypot(across, height_of(row, x) - height_of(other, other_x))
     sigma = math.hypot(sigma_of(row, x), sigma_of(other, other_x))
@@ -223,12 +222,6 @@ def _may_be_one(row, other):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _plan_of(row, x):  # type: ignore[no-untyped-def]
-    """Plan position of a row's curve at x [m]."""
-    return row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
 def _extend(  # type: ignore[no-untyped-def]
     points, grid, row, num_curves, owner, barred, max_step
 ):
@@ -237,7 +230,7 @@ def _extend(  # type: ignore[no-untyped-def]
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
     is_barred = np.zeros(num_curves, dtype=np.bool_)
     is_barred[barred] = True
-    longest = max_step
+    longest, is_known = max_step, False
     for _ in range(MAX_ROUNDS if row[HIGH] - row[LOW] >= OWNER_LENGTH else FEW_ROUNDS):
         # bins along the curve and as far beyond as it is known
         allowed, reach = math.ceil(longest / STEP), _sure_reach(row, longest)
@@ -257,6 +250,10 @@ def _extend(  # type: ignore[no-untyped-def]
         most = int(MOST_BACK * num_own)
         before = _walk_back(core[own_low:], centred[own_low:], most)
         beyond = _walk_back(core[: own_high + 1][::-1], centred[: own_high + 1][::-1], most)
+        # how far points may lie beside it, it tells once it is fitted to all along it
+        was_known, is_known = is_known or before + beyond == 0, True
+        if not was_known:
+            before = beyond = 0
         own_low, own_high = own_low + before, own_high - beyond
         left = (num_own - before - beyond) / num_own
         low = first + (own_low - _walk(good[: own_low + 1][::-1], allowed)) * STEP
@@ -280,7 +277,7 @@ def _extend(  # type: ignore[no-untyped-def]
             break
         put(grown, row)
         own, stride = kept, step
-        if length < was + LEAST_GROWTH and longest <= followed + STEP:
+        if was_known and length < was + LEAST_GROWTH and longest <= followed + STEP:
             break
     return own, stride
 

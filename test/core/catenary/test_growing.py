@@ -131,3 +131,18 @@ def test_an_end_that_follows_what_crosses_is_walked_back():
     (grown,) = extend(points, make_index(points), [curve], SETTINGS)
     assert curve.length > 63.0
     assert 59.0 < grown.length < 62.5
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_an_end_of_a_bundle_is_not_walked_back_for_a_strand_below(seed):
+    def strand(y, z, number):
+        return make_wire(
+            (0.0, y, z), (90.0, y, z), c=900.0, per_metre=3.0, seed=10 * seed + number,
+        )
+
+    upper = np.vstack([strand(-0.2, 20.0, 0), strand(0.2, 20.0, 1)])
+    points = np.vstack([upper, strand(0.0, 19.66, 2)])
+    curve = make_curve(points, np.arange(len(upper)), 0.4)
+    (grown,) = extend(points, make_index(points), [curve], SETTINGS)
+    assert grown.length == pytest.approx(90.0, abs=0.5)
+    assert len(grown.points) > 0.99 * len(points)
