@@ -225,6 +225,12 @@ def to_local(row, px, py):  # type: ignore[no-untyped-def]
     return row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
 
 
+@njit(cache=True, nogil=True, error_model='numpy')
+def plan_of(row, x):  # type: ignore[no-untyped-def]
+    """Plan position of a row's curve at x [m]."""
+    return row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+
+
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def open_row(row):  # type: ignore[no-untyped-def]
     """

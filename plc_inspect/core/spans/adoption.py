@@ -16,9 +16,8 @@ from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.judge import LONGEST_BAY, may_be_held
 from plc_inspect.core.evidence.stays import is_regular
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import choose_pairs, meet_ends, number_ends
+from plc_inspect.core.spans.joints import choose_pairs, meet_ends
 from plc_inspect.core.spans.standing_poles import ARM, StandingPole
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool
@@ -127,12 +126,7 @@ class _Meetings:
         within = (both >= 0).all(axis=1)
         pairs, values = self._pairs[within], self._values[within]
         pairs[:, [0, 2]] = both[within]
-        # only these change whom it meets
-        ends = number_ends(pairs)
-        group = unite(ends, 2 * len(around))
-        linked = np.isin(group[ends[:, 0]], group[-2:])
-        pairs, values = pairs[linked], values[linked]
-        for k in choose_pairs(pairs, values):
+        for k in choose_pairs(self._rows[around], pairs, values):
             if pairs[k, 2] == len(near) and values[k, 2] < ADOPTION_MISS:
                 return self._curves[around[pairs[k, 0]]]
         return None

@@ -16,8 +16,7 @@ from plc_inspect.core.catenary.curve_row import (
     height_of,
     HIGH,
     LOW,
-    ORIGIN_X,
-    ORIGIN_Y,
+    plan_of,
     SIN,
     slope_of,
     slope_variance_of,
@@ -66,6 +65,11 @@ MAX_OVERLAP = 8.0
 """
 How far a curve may run on beyond its support [m].
 Source: judgement; holds from 4 to 16 on bench/constants.py.
+"""
+TOGETHER = 15.0
+"""
+Conductors that meet this near in plan may hang at one support [m].
+Source: judgement: arms of the widest towers.
 """
 COARSE_STEP, FINE_STEP = 0.25, 0.02
 """
@@ -131,9 +135,10 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     tuple of Joint, in order of cost
 
     """
-    pairs, values = meet_ends(pack_curves(curves), len(curves), max_reach)
+    rows = pack_curves(curves)
+    pairs, values = meet_ends(rows, len(curves), max_reach)
     chosen = []
-    for k in choose_pairs(pairs, values):
+    for k in choose_pairs(rows, pairs, values):
         first, side, second, other_side = pairs[k].tolist()
         x, other_x, miss, kink, cost = values[k].tolist()
         chosen.append(describe_joint(
@@ -169,12 +174,44 @@ def meet_ends(rows: Float64, num_known: int, max_reach: float) -> tuple[Int64, F
     return pairs[met], values[met]
 
 
-def choose_pairs(pairs: Int64, values: Float64) -> list[int]:
-    """Choose of pairs as of `meet_ends` those that meet, the cheapest first."""
+def choose_pairs(rows: Float64, pairs: Int64, values: Float64) -> list[int]:
+    """Choose of pairs of rows, as of `meet_ends`, those that meet, the cheapest first."""
+    ends, cost = number_ends(pairs), values[:, 4]
+    stray = _measure_stray(rows, pairs, ends, values, _choose(pairs, ends, cost))
+    return sorted(_choose(pairs, ends, cost + stray).tolist(), key=cost.__getitem__)
+
+
+def _choose(pairs: Int64, ends: Int64, cost: Float64) -> Int64:
     # the cheapest first, then by curves and sides
-    order = np.lexsort((*pairs[:, [3, 1, 2, 0]].T, values[:, 4]))
-    chosen: list[int] = order[pair_up(number_ends(pairs[order]), values[order, 4], LONE)].tolist()
+    order = np.lexsort((*pairs[:, [3, 1, 2, 0]].T, cost))
+    chosen: Int64 = order[pair_up(ends[order], cost[order], LONE)]
     return chosen
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure_stray(rows, pairs, ends, values, chosen):  # type: ignore[no-untyped-def]
+    """
+    Return what it costs pairs to meet before or behind where the chosen ones about them do.
+
+    Any two conductors of a rack meet somewhere in its plane; at the pole do those that are one.
+    """
+    result, others = np.zeros(len(pairs)), np.empty(len(chosen))
+    for k in range(len(pairs)):
+        one, side, other, other_side = pairs[k]
+        wx = other_side * rows[other, COS] - side * rows[one, COS]
+        wy = other_side * rows[other, SIN] - side * rows[one, SIN]
+        x, y = plan_of(rows[one], values[k, 0])
+        num, length = 0, math.hypot(wx, wy)
+        for m in chosen:
+            if (ends[m] == ends[k]).any() or (ends[m] == ends[k, ::-1]).any():
+                continue
+            px, py = plan_of(rows[pairs[m, 0]], values[m, 0])
+            along = ((px - x) * wx + (py - y) * wy) / length
+            if math.hypot(px - x, py - y) <= TOGETHER and abs(along) <= MAX_OVERLAP:
+                others[num], num = along, num + 1
+        if num:
+            result[k] = STRETCH_COST * abs(np.median(others[:num]))
+    return result
 
 
 def number_ends(pairs: Int64) -> Int64:
@@ -191,7 +228,7 @@ def _pair_ends(rows, num_known, max_reach):  # type: ignore[no-untyped-def]
     for k in range(num):
         row, side = rows[k // 2], 2.0 * (k % 2) - 1.0
         x = row[HIGH] if side > 0 else row[LOW]
-        end[k, 0], end[k, 1] = row[ORIGIN_X] + x * row[COS], row[ORIGIN_Y] + x * row[SIN]
+        end[k, 0], end[k, 1] = plan_of(row, x)
         end[k, 2], end[k, 3] = side * row[COS], side * row[SIN]
     pairs, found = np.empty((max(num, 16), 4), dtype=np.int64), 0
     for one in range(2 * num_known):
@@ -349,7 +386,7 @@ def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore
             best = np.inf
         for k in range(num):
             x = first + k * step
-            px, py = row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+            px, py = plan_of(row, x)
             other_x, across = to_local(other, px, py)
             # the distance across alone is never more than that in space
             beyond = (other_x - other_end) * other_side

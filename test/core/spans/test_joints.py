@@ -194,3 +194,27 @@ def test_wires_of_a_rack_meet_their_own_though_their_curves_run_on():
     joints = find_joints([*ran, *curves[4:]], 40.0)
     assert sorted(joint.curves for joint in joints) == [(k, k + 4) for k in range(4)]
     assert all(abs(joint.position[0] - 38.0) < 0.5 for joint in joints)
+
+
+def test_wires_of_a_rack_meet_where_the_others_of_it_do():
+    tops = [10.0 + 0.45 * k for k in range(5)]
+    wires = [
+        make_wire(first, second, c=350.0, seed=10 * span + number)
+        for span in range(2) for number, z in enumerate(tops)
+        for first, second in [
+            (((0.0, 0.0, z - 3.0), (46.0, 0.0, z)), ((46.0, 0.0, z), (88.0, 0.0, z - 1.7)))[span]
+        ]
+    ]
+    places = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(np.vstack(wires), np.arange(*own)) for own in pairwise(places)]
+    # the fourth ends early, the third of both spans is followed through it
+    ends = {3: -0.9, 2: 3.0}
+    curves = [
+        dataclasses.replace(curve, high=curve.high + ends.get(number, 0.0))
+        if number < 5 else
+        dataclasses.replace(curve, low=curve.low - (3.0 if number == 7 else 0.0))
+        for number, curve in enumerate(curves)
+    ]
+    joints = find_joints(curves, 40.0)
+    assert sorted(joint.curves for joint in joints) == [(k, k + 5) for k in range(5)]
+    assert all(abs(joint.position[0] - 46.0) < 0.3 for joint in joints)
