@@ -216,7 +216,7 @@ def _measure_stray(rows, pairs, ends, values, chosen):  # type: ignore[no-untype
 
 def number_ends(pairs: Int64) -> Int64:
     """Return the numbers of the ends of pairs as of `meet_ends`, two of each curve."""
-    return 2 * pairs[:, [0, 2]] + (pairs[:, [1, 3]] > 0)
+    return np.ascontiguousarray(2 * pairs[:, ::2] + (pairs[:, 1::2] > 0))
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
