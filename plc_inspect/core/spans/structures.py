@@ -71,6 +71,21 @@ MOST_POINTS = 2000
 More points about a place are thinned evenly.
 Source: numerical: 200 a metre of a pole of 10 m; time goes with the square.
 """
+WALL_REACH = 3.0
+"""
+Distance within which other lines of a wall are looked for [m].
+Source: derived: two more on one side of the last one, 1.5 m apart as the coarsest scan lines.
+"""
+WALL_COLUMNS = 1.5
+"""
+A wall holds this many times the points of the column beside it.
+Source: derived: two more lines of it do, the other post of a portal does not.
+"""
+WALL_SHARE = 0.6
+"""
+Share of the points about the column that lie in the plane of a wall.
+Source: judgement; of a crown a twelfth do.
+"""
 LEAST_HEIGHT = 1.0
 """Points lower than this are no structure's [m].  Source: judgement; not measured."""
 TOP_METRES = 2
@@ -180,6 +195,11 @@ def find_structure(
         return None
     level = height[found].astype(np.int64)
     column = _best_column(apart, level, stand)
+    if column is not None and not stand.is_told:
+        around = index.strip(near + column, near + column, WALL_REACH)
+        around = around[~wire[around]]
+        if _is_of_wall(points[around, :2] - near - column, height[around], stand):
+            return None
     if column is not None:
         own = np.hypot(*(apart - column).T) <= COLUMN
         z = points[found[own], 2]
@@ -212,6 +232,32 @@ def _best_column(apart: Float64, level: Int64, stand: Stand) -> Float64 | None:
     distance = np.hypot(*(apart - axis).T)
     num_own, num_near = (int((distance <= reach).sum()) for reach in (COLUMN, RING * COLUMN))
     return axis if stand.is_told or _is_sure(num_own, num_near) else None
+
+
+def _is_of_wall(apart: Float64, height: Float32, stand: Stand) -> bool:
+    """
+    Tell whether a column at the origin is one of the lines in which a survey scans a wall.
+
+    Lines a metre apart on a wall stand as free as poles do, but in a row.
+    """
+    first, last = stand.pole_levels
+    distance, level = np.hypot(*apart.T), height.astype(np.int64)
+    own = distance <= COLUMN
+    beside = ~own & (distance <= WALL_REACH) & (level >= first) & (level <= last)
+    own &= (level >= first) & (level <= last)
+    apart, level = apart[beside], level[beside]
+    if len(level) < WALL_COLUMNS * own.sum():
+        return False
+    # the way in which most of them lie in a thin plane through the column
+    doubled = 2.0 * np.arctan2(apart[:, 1], apart[:, 0])
+    turn = 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
+    across = apart[:, 1] * math.cos(turn) - apart[:, 0] * math.sin(turn)
+    wall = np.abs(across) <= COLUMN / 2.0
+    filled = len(np.unique(level[wall]))
+    return bool(
+        wall.sum() >= max(WALL_COLUMNS * own.sum(), WALL_SHARE * len(level))
+        and filled >= SURE_FILLED * (last - first + 1)
+    )
 
 
 def _find_top(z: Float64) -> float:

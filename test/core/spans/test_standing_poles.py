@@ -92,6 +92,25 @@ def test_a_pole_of_few_points_that_stands_free_is_found():
     assert look(sparse, *around)[2] == ()
 
 
+def make_scan_lines(x, y=0.7, top=9.0):
+    """Make the vertical rows of points that a survey scans a wall in."""
+    rows = [np.column_stack([np.full(30, at), np.full(30, y), np.linspace(0.1, top, 30)])
+            for at in x]
+    points = np.vstack(rows)
+    return points + np.random.default_rng(0).normal(0.0, 0.02, points.shape)
+
+
+@pytest.mark.parametrize('x', [np.arange(57.0, 64.0), np.arange(60.0, 66.0, 1.2)])
+def test_scan_lines_of_a_wall_are_no_poles(x):
+    assert look(make_scan_lines(x))[2] == ()
+
+
+def test_posts_of_a_portal_and_a_pole_beside_a_wall_are_poles():
+    assert len(look(make_scan_lines([59.5, 60.7]))[2]) >= 1
+    wall = make_scan_lines(np.arange(55.0, 66.0), y=2.5)
+    assert len(look(wall, make_scan_lines([60.0], y=0.0))[2]) == 1
+
+
 def test_without_curves_nothing_is_looked_for():
     assert look(make_pole(60.0, 0.0, 8.2), offsets=())[2] == ()
 
