@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.core.clustering import clustering
-from plc_inspect.core.spans import crowding, point_claims, support_points, supports
+from plc_inspect.core.spans import point_claims, support_points, supports
 
 BENCH = Path(__file__).parents[2] / 'bench'
 
@@ -44,7 +44,7 @@ def test_whole_numbers_stay_whole(bench, value, factor, expected):
 
 
 def test_a_constant_is_moved_wherever_it_is_known(bench):
-    modules = [crowding, point_claims, support_points, supports]
+    modules = [point_claims, support_points, supports]
     moved = bench.Moved(support_points, 'HOLD_RADIUS', modules)
     assert moved.kernels == [support_points._count_around]
     points, wire = np.array([[2.0, 0.0, 0.0]]), np.zeros(1, dtype=bool)

@@ -10,7 +10,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve import Curve, pack_curves, PART_MISS
 from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
@@ -23,7 +23,6 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TURN_SIGMA,
 )
-from plc_inspect.core.catenary.cutting import measure_bend
 from plc_inspect.core.catenary.growing import BESIDE_SHARE
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.assignment import pair_up
@@ -65,6 +64,11 @@ MAX_OVERLAP = 8.0
 """
 How far a curve may run on beyond its support [m].
 Source: judgement; holds from 4 to 16 on bench/constants.py.
+"""
+MOST_BESIDE = 3.0
+"""
+Two curves that lie farther apart than PART_MISS all along more than this are two conductors [m].
+Source: judgement: insulators of a strain tower are shorter.
 """
 TOGETHER = 15.0
 """
@@ -295,30 +299,6 @@ def describe_joint(
     )
 
 
-def passes_unbent(
-    points: Float64, curve: Curve, x: float, curves: Sequence[Curve], joints: Sequence[Joint]
-) -> bool:
-    """
-    Tell whether a curve that passes a support at x is surely bent less than if it hung there.
-
-    The bend of a conductor of that support is known.  In the same spans the curve would bend more
-    or less by half their lengths times the difference of the curvatures, and in proportion to the
-    curvatures where the spans are level: the lesser counts, as lengths may be seen in part.
-    """
-    own = float(curve.fit.shape[2])
-    bends = []
-    for joint in joints:
-        by_length, total = joint.kink, 0.0
-        for number, side, end in zip(joint.curves, joint.sides, joint.x, strict=True):
-            other = curves[number]
-            length = end - other.low if side > 0 else other.high - end
-            by_length += (own - float(other.fit.shape[2])) * length / 2
-            total += float(other.fit.shape[2])
-        bends.append(min(by_length, joint.kink * 2 * own / total))
-    bend, sigma = measure_bend(points, curve, x)
-    return bend + MIN_RISE + TURN_SIGMAS * sigma < float(np.median(bends))
-
-
 @njit(cache=True, nogil=True, error_model='numpy')
 def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
     """Which pairs of ends meet, and x of both curves, their distance, the kink and the cost."""
@@ -339,7 +319,8 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         beyond = (x - (first[HIGH] if side > 0 else first[LOW])) * side
         other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
         shorter = min(first[HIGH] - first[LOW], second[HIGH] - second[LOW])
-        if max(-beyond, 0.0) + max(-other_beyond, 0.0) > BESIDE_SHARE * shorter:
+        overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
+        if overlap > BESIDE_SHARE * shorter or (overlap > MOST_BESIDE and miss > PART_MISS):
             continue  # they hang side by side
         stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
         met[k] = rise >= MIN_RISE or _is_bent(first, second, x, other_x, rise)

@@ -13,27 +13,24 @@ import numpy as np
 from plc_inspect.config import SupportSettings
 from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import TOLERANCE
-from plc_inspect.core.catenary.cutting import cut_curve, cut_together
+from plc_inspect.core.catenary.cutting import cut_together
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
-from plc_inspect.core.numerics.disjoint_sets import unite
-from plc_inspect.core.spans.joints import find_joints, Joint, passes_unbent
+from plc_inspect.core.spans.joints import find_joints, Joint
 from plc_inspect.core.spans.standing_poles import (
     cut_at_poles,
     join_at_poles,
     StandingPole,
 )
+from plc_inspect.core.spans.stations import (
+    cut_at_stations,
+    group_joints,
+    HEIGHT_ROOM,
+    PARALLEL,
+    place_station,
+    Station,
+)
 from plc_inspect.results import Float64
 
-PARALLEL = math.radians(15.0)
-"""
-Conductors of one span differ by less in azimuth.
-Source: judgement; holds from 7.5 to 30 degrees on bench/constants.py.
-"""
-HEIGHT_ROOM = 20.0
-"""
-A conductor passes a support at most this far above or below those that end there [m].
-Source: derived: earth wire to lowest conductor of a tower with two circuits on three levels.
-"""
 AHEAD_TURN = math.radians(35.0)
 """
 An open end hangs on a support ahead if the line there turns by less than this.
@@ -44,25 +41,8 @@ REACH_SHARE = 0.5
 And if it is no farther than this share of the curve's length.
 Source: judgement; not measured.
 """
-SKEW = 0.3
-"""
-Attachments lie apart along the line by this share of what they do across it, or less.
-Source: judgement; not measured.
-"""
 MOST_SHARED = 0.5
 """A curve of which another covers this share is a duplicate.  Source: judgement; not measured."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Station:
-    """A support as the conductors tell of it."""
-
-    position: Float64
-    """(2,) plan position: the middle of the attachments [m]."""
-    direction: float
-    """Azimuth of the line, modulo pi [rad]."""
-    attachments: Float64
-    """(K, 3) where conductors meet at it [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,7 +114,7 @@ def find_layout(
     if [id(curve) for curve in cut] != [id(curve) for curve in curves]:
         curves = cut
         joints, stations = meet()
-    placed = tuple(_station(group) for group in stations)
+    placed = tuple(place_station(group) for group in stations)
     x, support = _end_at_supports(curves, joints, stations, placed, poles, settings)
     keep = _find_originals(curves, x[-1], x[1], settings.max_reach)
     if len(keep) < len(curves) and attempts > 1:
@@ -216,7 +196,7 @@ def _drop_weak(
     kept: list[tuple[Joint, ...]] = []
     stations: list[Station] = []
     for group in groups:
-        own = _station(group)
+        own = place_station(group)
         for other in stations:
             apart = own.position - other.position
             along = apart[0] * math.cos(other.direction) + apart[1] * math.sin(other.direction)
@@ -231,114 +211,6 @@ def _drop_weak(
             stations.append(own)
     believed = {id(joint) for group in kept for joint in group}
     return tuple(joint for joint in joints if id(joint) in believed), tuple(kept)
-
-
-def group_joints(
-    joints: Sequence[Joint], settings: SupportSettings
-) -> tuple[tuple[Joint, ...], ...]:
-    """Collect the joints that lie side by side across the line: those of one support."""
-    pairs = []
-    for i, first in enumerate(joints):
-        for j in range(i):
-            second = joints[j]
-            if abs(math.sin(first.direction - second.direction)) > math.sin(PARALLEL):
-                continue
-            apart = second.position[:2] - first.position[:2]
-            along = apart[0] * math.cos(first.direction) + apart[1] * math.sin(first.direction)
-            across = apart[1] * math.cos(first.direction) - apart[0] * math.sin(first.direction)
-            slack = settings.radius + SKEW * abs(across)
-            if abs(along) <= slack and abs(across) <= settings.width:
-                pairs.append((i, j))
-    groups: dict[int, list[Joint]] = {}
-    for number, joint in zip(unite(pairs, len(joints)).tolist(), joints, strict=True):
-        groups.setdefault(number, []).append(joint)
-    return tuple(tuple(group) for group in groups.values())
-
-
-def _station(group: Sequence[Joint]) -> Station:
-    attachments = np.array([joint.position for joint in group])
-    doubled = np.array([2 * joint.direction for joint in group])
-    direction = 0.5 * math.atan2(float(np.sin(doubled).mean()), float(np.cos(doubled).mean()))
-    unit = np.array([math.cos(direction), math.sin(direction)])
-    left = np.array([-unit[1], unit[0]])
-    across = attachments[:, :2] @ left
-    along = attachments[:, :2] @ unit
-    middle = (float(across.min()) + float(across.max())) / 2
-    return Station(
-        position=unit * float(np.median(along)) + left * middle,
-        direction=direction,
-        attachments=attachments,
-    )
-
-
-def cut_at_stations(
-    points: Float64,
-    curves: Sequence[Curve],
-    stations: Sequence[Sequence[Joint]],
-    settings: SupportSettings,
-) -> list[Curve]:
-    """
-    Cut curves that pass unbroken through a support at which their neighbours end.
-
-    One that ends at a support of another line than theirs runs beside that line, and so does one
-    that is not bent where it would be if it hung there.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    curves : sequence of Curve
-        Conductors.
-    stations : sequence of sequence of Joint
-        The joints of each support.
-    settings : SupportSettings
-        Widths and least lengths.
-
-    Returns
-    -------
-    list of Curve
-
-    """
-    result = []
-    placed = [_station(group) for group in stations]
-    passed, own = _list_next(len(curves), stations)
-    for curve, at in zip(curves, own, strict=True):
-        parts = [curve]
-        for station, beyond, group in zip(placed, passed, stations, strict=True):
-            if at and beyond.isdisjoint(at.values()):
-                continue
-            if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
-                continue
-            x, y = curve.local_place(station.position)
-            margin = settings.min_span / 2
-            if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
-                continue
-            height, z = station.attachments[:, 2], float(curve.fit.height(x))
-            if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
-                continue
-            if passes_unbent(points, curve, x, curves, group):
-                continue
-            parts = [
-                piece for part in parts for piece in cut_curve(points, part, station.position)
-            ]
-        result += parts
-    return result
-
-
-def _list_next(
-    num: int, stations: Sequence[Sequence[Joint]]
-) -> tuple[list[set[int]], list[dict[int, int]]]:
-    """Return the supports next to each one on its line, and those of each curve's sides."""
-    own: list[dict[int, int]] = [{} for _ in range(num)]
-    for station, group in enumerate(stations):
-        for joint in group:
-            for curve, side in zip(joint.curves, joint.sides, strict=True):
-                own[curve][side] = station
-    beyond = [
-        {at for joint in group for curve in joint.curves for at in own[curve].values()} - {station}
-        for station, group in enumerate(stations)
-    ]
-    return beyond, own
 
 
 def _station_ahead(

@@ -4,6 +4,7 @@
 """Strays beside conductors, and leaves on them: whose the points close to a span are."""
 
 import dataclasses
+import math
 
 from numba import njit, prange
 import numpy as np
@@ -11,10 +12,12 @@ import numpy as np
 from plc_inspect.core.catenary.curve import pack_curves
 from plc_inspect.core.catenary.curve_row import to_local
 from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.catenary.profile import CROWD_LENGTH
+from plc_inspect.core.clustering.segment_fit import SHELL_CHANCE, SHELL_RATIO, SHELL_SHARE
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.spans.crowding import find_intruders
 from plc_inspect.core.spans.span_model import tabulate
 from plc_inspect.core.spans.spans import copy_labels, SpanResult
+from plc_inspect.results import Bool, Float64
 
 FREE_LENGTH = 2.0
 """
@@ -36,6 +39,21 @@ FREE_SHARE, FREE_CHANCE = 0.1, 1.0
 A place is free where at most this share of its points, and this number, are that far away.
 Source: judgement; FREE_SHARE holds from 0.05 to 0.2, FREE_CHANCE not measured on
 bench/constants.py.
+"""
+LEAST_FREE = 20
+"""
+Points in free parts from which a conductor's own scatter and density are known.
+Source: judgement; holds from 10 to 40 on bench/constants.py.
+"""
+LEAST_SIGMA = 0.005
+"""
+Standard deviation of a conductor's points across it, at least [m].
+Source: judgement; holds from 0.0025 to 0.01 on bench/constants.py.
+"""
+USUAL = 75
+"""
+Percentile of the points of free parts that tells how dense a conductor is.
+Source: judgement; not measured.
 """
 
 
@@ -136,3 +154,51 @@ def _claim(  # type: ignore[no-untyped-def]
                 other[k] = False
                 num_claimed[s] += 1
     return along, own, other, num_claimed
+
+
+def find_intruders(
+    along: Float64, distance: Float64, own: Bool, other: Bool, tolerance: float
+) -> Bool:
+    """
+    Find the points on a conductor that more likely belong to what surrounds it.
+
+    In each crowded part of the span the shell about the conductor tells how dense the crown is,
+    and the free parts tell how dense the conductor's points are and how far they scatter.  Beyond
+    the distance at which both densities are equal, a point is more likely the crown's.
+
+    Parameters
+    ----------
+    along : (N,) float64
+        Distance along the span of points close to it [m].
+    distance : (N,) float64
+        From the conductor [m].
+    own : (N,) bool
+        Points that were taken for the conductor's.
+    other : (N,) bool
+        Points of something else, not of a conductor.
+    tolerance : float
+        Distance within which they were taken [m].
+
+    Returns
+    -------
+    (N,) bool
+        Those of ``own`` that more likely belong to what surrounds the conductor.
+
+    """
+    part = (np.maximum(along, 0.0) / CROWD_LENGTH).astype(np.int64)
+    num = int(part.max(initial=0)) + 1
+    shell = other & (distance > tolerance) & (distance <= SHELL_RATIO * tolerance)
+    on, about = (np.bincount(part[chosen], minlength=num) for chosen in (own, shell))
+    crowded = about > SHELL_SHARE * on + SHELL_CHANCE
+    free = own & ~crowded[part]
+    if not crowded.any() or free.sum() < LEAST_FREE:
+        return np.zeros(len(along), dtype=np.bool_)
+    variance = max(float(np.mean(distance[free] ** 2)) / 2.0, LEAST_SIGMA**2)
+    # a window of the node holds more points of some parts than of others
+    usual = float(np.percentile(on[(on > 0) & ~crowded], USUAL)) / CROWD_LENGTH
+    densest = usual / (2.0 * math.pi * variance)
+    volume = math.pi * (SHELL_RATIO**2 - 1.0) * tolerance**2 * CROWD_LENGTH
+    with np.errstate(divide='ignore'):
+        limit = 2.0 * variance * np.log(densest * volume / about)
+    result: Bool = own & crowded[part] & (distance**2 > limit[part])
+    return result

@@ -10,7 +10,7 @@ from toys import make_line_cloud, make_tree
 from plc_inspect.core.catenary.profile import CROWD_LENGTH
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.spans import point_claims
-from plc_inspect.core.spans.crowding import find_intruders
+from plc_inspect.core.spans.point_claims import find_intruders
 from plc_inspect.results import PointClass
 
 TOLERANCE = 0.12

@@ -218,3 +218,16 @@ def test_wires_of_a_rack_meet_where_the_others_of_it_do():
     joints = find_joints(curves, 40.0)
     assert sorted(joint.curves for joint in joints) == [(k, k + 5) for k in range(5)]
     assert all(abs(joint.position[0] - 46.0) < 0.3 for joint in joints)
+
+
+def test_strands_side_by_side_do_not_meet_where_one_is_seen_no_farther():
+    # of one bundle, each in another strip of a survey: 8 m of both were seen
+    first = make_wire((0.0, 0.0, 18.0), (90.0, 0.0, 18.0), c=900.0, parts=((0.0, 0.45),), seed=1)
+    second = make_wire(
+        (0.0, 0.26, 18.0), (90.0, 0.26, 18.4), c=900.0, parts=((0.36, 0.8),), seed=2,
+    )
+    # the second strip was turned by a hundredth of its height
+    second[:, 2] += 0.02 * (second[:, 0] - 36.0)
+    points = np.vstack([first, second])
+    curves = [make_curve(points, own) for own in np.split(np.arange(len(points)), [len(first)])]
+    assert find_joints(curves, 40.0) == ()

@@ -8,7 +8,8 @@ import pytest
 from toys import make_curve, make_route, make_wire
 
 from plc_inspect.config import SupportSettings
-from plc_inspect.core.spans.layout import find_layout, group_joints
+from plc_inspect.core.spans.layout import find_layout
+from plc_inspect.core.spans.stations import group_joints
 from plc_inspect.errors import ConfigError
 
 SETTINGS = SupportSettings()
@@ -57,6 +58,23 @@ def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end(height
     assert len(own) == 2
     for number in own:
         assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
+
+
+def test_no_conductor_is_cut_where_one_seems_to_end_but_the_others_run_straight():
+    wires = [
+        make_wire((0.0, 3.0 * k, 20.0), (50.0, 3.0 * k, 20.0), c=2000.0, per_metre=3.0, noise=0.06,
+                  seed=k)
+        for k in range(10)
+    ]
+    # one was seen in two strips of a survey that lie askew to each other
+    late = wires[0][:, 0] > 25.0
+    wires[0][late, 2] -= 0.02 * (wires[0][late, 0] - 25.0)
+    wires[:1] = [wires[0][~late], wires[0][late]]
+    points = np.vstack(wires)
+    places = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(points, np.arange(*own), 0.3) for own in pairwise(places)]
+    layout = find_layout(points, curves, (), SETTINGS)
+    assert len(layout.curves) == len(curves)
 
 
 def test_a_conductor_that_passes_is_cut_also_where_too_little_is_seen_beyond():

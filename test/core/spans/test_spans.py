@@ -17,9 +17,10 @@ from toys import (
 from plc_inspect.config import Settings
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
-from plc_inspect.core.spans.layout import find_layout, Layout, Station
+from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.route import trace_routes
 from plc_inspect.core.spans.spans import build_spans, spread_spans
+from plc_inspect.core.spans.stations import Station
 
 SETTINGS = Settings()
 

@@ -1,0 +1,224 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Supports as conductors tell of them: joints side by side, and what passes there unbroken."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.config import SupportSettings
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.cutting import cut_curve, measure_bend
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.spans.joints import Joint, MIN_RISE, TURN_SIGMAS
+from plc_inspect.results import Float64
+
+PARALLEL = math.radians(15.0)
+"""
+Conductors of one span differ by less in azimuth.
+Source: judgement; holds from 7.5 to 30 degrees on bench/constants.py.
+"""
+HEIGHT_ROOM = 20.0
+"""
+A conductor passes a support at most this far above or below those that end there [m].
+Source: derived: earth wire to lowest conductor of a tower with two circuits on three levels.
+"""
+SKEW = 0.3
+"""
+Attachments lie apart along the line by this share of what they do across it, or less.
+Source: judgement; not measured.
+"""
+LEAST_SIGMA = 1e-6
+"""Standard deviation of a bend, at least.  Source: numerical: avoids a division by 0."""
+
+Lack = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Station:
+    """A support as the conductors tell of it."""
+
+    position: Float64
+    """(2,) plan position: the middle of the attachments [m]."""
+    direction: float
+    """Azimuth of the line, modulo pi [rad]."""
+    attachments: Float64
+    """(K, 3) where conductors meet at it [m]."""
+
+
+def group_joints(
+    joints: Sequence[Joint], settings: SupportSettings
+) -> tuple[tuple[Joint, ...], ...]:
+    """Collect the joints that lie side by side across the line: those of one support."""
+    pairs = []
+    for i, first in enumerate(joints):
+        for j in range(i):
+            second = joints[j]
+            if abs(math.sin(first.direction - second.direction)) > math.sin(PARALLEL):
+                continue
+            apart = second.position[:2] - first.position[:2]
+            along = apart[0] * math.cos(first.direction) + apart[1] * math.sin(first.direction)
+            across = apart[1] * math.cos(first.direction) - apart[0] * math.sin(first.direction)
+            slack = settings.radius + SKEW * abs(across)
+            if abs(along) <= slack and abs(across) <= settings.width:
+                pairs.append((i, j))
+    groups: dict[int, list[Joint]] = {}
+    for number, joint in zip(unite(pairs, len(joints)).tolist(), joints, strict=True):
+        groups.setdefault(number, []).append(joint)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def place_station(group: Sequence[Joint]) -> Station:
+    attachments = np.array([joint.position for joint in group])
+    doubled = np.array([2 * joint.direction for joint in group])
+    direction = 0.5 * math.atan2(float(np.sin(doubled).mean()), float(np.cos(doubled).mean()))
+    unit = np.array([math.cos(direction), math.sin(direction)])
+    left = np.array([-unit[1], unit[0]])
+    across = attachments[:, :2] @ left
+    along = attachments[:, :2] @ unit
+    middle = (float(across.min()) + float(across.max())) / 2
+    return Station(
+        position=unit * float(np.median(along)) + left * middle,
+        direction=direction,
+        attachments=attachments,
+    )
+
+
+def cut_at_stations(
+    points: Float64,
+    curves: Sequence[Curve],
+    stations: Sequence[Sequence[Joint]],
+    settings: SupportSettings,
+) -> list[Curve]:
+    """
+    Cut curves that pass unbroken through a support at which their neighbours end.
+
+    One that ends at a support of another line than theirs runs beside that line, and so does one
+    that is not bent where it would be if it hung there.  Where all that pass, taken together, are
+    not bent, none is cut: strips of a survey that lie beside each other end as if at a support.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Conductors.
+    stations : sequence of sequence of Joint
+        The joints of each support.
+    settings : SupportSettings
+        Widths and least lengths.
+
+    Returns
+    -------
+    list of Curve
+
+    """
+    places = [place_station(group) for group in stations]
+    lacks = _measure_passing(points, curves, places, stations, settings)
+    result = []
+    for number, curve in enumerate(curves):
+        parts = [curve]
+        for station, passing in zip(places, lacks, strict=True):
+            if number not in passing or are_unbent([passing[number]]) or are_unbent(
+                list(passing.values())
+            ):
+                continue
+            parts = [
+                piece for part in parts for piece in cut_curve(points, part, station.position)
+            ]
+        result += parts
+    return result
+
+
+def _measure_passing(
+    points: Float64, curves: Sequence[Curve], places: Sequence[Station],
+    stations: Sequence[Sequence[Joint]], settings: SupportSettings,
+) -> list[dict[int, Lack]]:
+    """Return for each support which curves pass it, and the bend that they lack there."""
+    beyond, own = _list_next(len(curves), stations)
+    margin = settings.min_span / 2
+    result: list[dict[int, Lack]] = [{} for _ in places]
+    for number, (curve, at) in enumerate(zip(curves, own, strict=True)):
+        for station, others, group, found in zip(places, beyond, stations, result, strict=True):
+            if at and others.isdisjoint(at.values()):
+                continue
+            if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
+                continue
+            x, y = curve.local_place(station.position)
+            if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
+                continue
+            height, z = station.attachments[:, 2], float(curve.fit.height(x))
+            if height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
+                found[number] = measure_lack(points, curve, x, curves, group)
+    return result
+
+
+def _list_next(
+    num: int, stations: Sequence[Sequence[Joint]]
+) -> tuple[list[set[int]], list[dict[int, int]]]:
+    """Return the supports next to each one on its line, and those of each curve's sides."""
+    own: list[dict[int, int]] = [{} for _ in range(num)]
+    for station, group in enumerate(stations):
+        for joint in group:
+            for curve, side in zip(joint.curves, joint.sides, strict=True):
+                own[curve][side] = station
+    beyond = [
+        {at for joint in group for curve in joint.curves for at in own[curve].values()} - {station}
+        for station, group in enumerate(stations)
+    ]
+    return beyond, own
+
+
+def measure_lack(
+    points: Float64, curve: Curve, x: float, curves: Sequence[Curve], joints: Sequence[Joint]
+) -> Lack:
+    """
+    Measure by how much less a curve that passes a support at x is bent than if it hung there.
+
+    The bend of a conductor of that support is known.  In the same spans the curve would bend more
+    or less by half their lengths times the difference of the curvatures, and in proportion to the
+    curvatures where the spans are level: the lesser counts, as lengths may be seen in part.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curve : Curve
+        Passes the support.
+    x : float
+        Of the support along it [m].
+    curves : sequence of Curve
+        Those of the joints.
+    joints : sequence of Joint
+        Of the support.
+
+    Returns
+    -------
+    lack, sigma : float
+        By how much, and its standard deviation.
+
+    """
+    own = float(curve.fit.shape[2])
+    bends = []
+    for joint in joints:
+        by_length, total = joint.kink, 0.0
+        for number, side, end in zip(joint.curves, joint.sides, joint.x, strict=True):
+            other = curves[number]
+            length = end - other.low if side > 0 else other.high - end
+            by_length += (own - float(other.fit.shape[2])) * length / 2
+            total += float(other.fit.shape[2])
+        bends.append(min(by_length, joint.kink * 2 * own / total))
+    bend, sigma = measure_bend(points, curve, x)
+    return float(np.median(bends)) - bend, sigma
+
+
+def are_unbent(lacks: Sequence[Lack]) -> bool:
+    """Tell whether curves, taken together, surely lack the bend that they would have."""
+    if not lacks:
+        return False
+    lack, sigma = np.array(lacks).T
+    sure = 1.0 / np.maximum(sigma, LEAST_SIGMA) ** 2
+    return float(lack @ sure / sure.sum()) > MIN_RISE + TURN_SIGMAS / math.sqrt(float(sure.sum()))
