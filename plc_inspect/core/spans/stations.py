@@ -34,7 +34,7 @@ Source: judgement; not measured.
 LEAST_SIGMA = 1e-6
 """Standard deviation of a bend, at least.  Source: numerical: avoids a division by 0."""
 
-Lack = tuple[float, float]
+Lack = tuple[float, float]  # of the bend that a support gives, as a slope, and its sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +72,7 @@ def group_joints(
 
 
 def place_station(group: Sequence[Joint]) -> Station:
+    """Return the support of at least one joint."""
     attachments = np.array([joint.position for joint in group])
     doubled = np.array([2 * joint.direction for joint in group])
     direction = 0.5 * math.atan2(float(np.sin(doubled).mean()), float(np.cos(doubled).mean()))
@@ -97,8 +98,9 @@ def cut_at_stations(
     Cut curves that pass unbroken through a support at which their neighbours end.
 
     One that ends at a support of another line than theirs runs beside that line, and so does one
-    that is not bent where it would be if it hung there.  Where all that pass, taken together, are
-    not bent, none is cut: strips of a survey that lie beside each other end as if at a support.
+    that is not bent where it would be if it hung there.  Where all others, of which none alone
+    tells, are not bent taken together, none is cut: one conductor in two strips of a survey that
+    lie askew seems to end at a support.
 
     Parameters
     ----------
@@ -117,20 +119,26 @@ def cut_at_stations(
 
     """
     places = [place_station(group) for group in stations]
-    lacks = _measure_passing(points, curves, places, stations, settings)
+    chosen = [
+        _choose_bent(lacks)
+        for lacks in _measure_passing(points, curves, places, stations, settings)
+    ]
     result = []
     for number, curve in enumerate(curves):
         parts = [curve]
-        for station, passing in zip(places, lacks, strict=True):
-            if number not in passing or are_unbent([passing[number]]) or are_unbent(
-                list(passing.values())
-            ):
-                continue
-            parts = [
-                piece for part in parts for piece in cut_curve(points, part, station.position)
-            ]
+        for station, bent in zip(places, chosen, strict=True):
+            if number in bent:
+                parts = [
+                    piece for part in parts for piece in cut_curve(points, part, station.position)
+                ]
         result += parts
     return result
+
+
+def _choose_bent(lacks: dict[int, Lack]) -> set[int]:
+    """Return which of the curves that pass a support may hang there."""
+    rest = {number: lack for number, lack in lacks.items() if not _are_unbent([lack])}
+    return set() if rest and _are_unbent(list(rest.values())) else set(rest)
 
 
 def _measure_passing(
@@ -152,7 +160,7 @@ def _measure_passing(
                 continue
             height, z = station.attachments[:, 2], float(curve.fit.height(x))
             if height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
-                found[number] = measure_lack(points, curve, x, curves, group)
+                found[number] = _measure_lack(points, curve, x, curves, group)
     return result
 
 
@@ -172,7 +180,7 @@ def _list_next(
     return beyond, own
 
 
-def measure_lack(
+def _measure_lack(
     points: Float64, curve: Curve, x: float, curves: Sequence[Curve], joints: Sequence[Joint]
 ) -> Lack:
     """
@@ -181,25 +189,6 @@ def measure_lack(
     The bend of a conductor of that support is known.  In the same spans the curve would bend more
     or less by half their lengths times the difference of the curvatures, and in proportion to the
     curvatures where the spans are level: the lesser counts, as lengths may be seen in part.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    curve : Curve
-        Passes the support.
-    x : float
-        Of the support along it [m].
-    curves : sequence of Curve
-        Those of the joints.
-    joints : sequence of Joint
-        Of the support.
-
-    Returns
-    -------
-    lack, sigma : float
-        By how much, and its standard deviation.
-
     """
     own = float(curve.fit.shape[2])
     bends = []
@@ -215,10 +204,8 @@ def measure_lack(
     return float(np.median(bends)) - bend, sigma
 
 
-def are_unbent(lacks: Sequence[Lack]) -> bool:
-    """Tell whether curves, taken together, surely lack the bend that they would have."""
-    if not lacks:
-        return False
+def _are_unbent(lacks: Sequence[Lack]) -> bool:
+    """Tell whether curves, at least one, taken together surely lack the bend of a support."""
     lack, sigma = np.array(lacks).T
     sure = 1.0 / np.maximum(sigma, LEAST_SIGMA) ** 2
     return float(lack @ sure / sure.sum()) > MIN_RISE + TURN_SIGMAS / math.sqrt(float(sure.sum()))

@@ -77,6 +77,26 @@ def test_no_conductor_is_cut_where_one_seems_to_end_but_the_others_run_straight(
     assert len(layout.curves) == len(curves)
 
 
+def test_a_conductor_is_cut_at_its_support_though_those_of_another_line_run_straight():
+    points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
+    # an earth wire so taut that both its spans were taken for one, and a line with other supports
+    wires = [
+        make_wire((60.0 * k, 0.0, 17.0), (60.0 * k + 60.0, 0.0, 17.0), c=6000.0, seed=8 + k)
+        for k in range(2)
+    ]
+    wires = [np.vstack(wires), *[
+        make_wire((0.0, 9.0 + k, 12.0), (120.0, 9.0 + k, 12.0), c=600.0, seed=20 + k)
+        for k in range(6)
+    ]]
+    first = np.cumsum([len(points), *map(len, wires)])
+    points = np.vstack([points, *wires])
+    passing = [make_curve(points, np.arange(*own)) for own in pairwise(first)]
+    layout = find_layout(points, [*curves, *passing], (), SETTINGS)
+    own = [curve.position(curve.mean_x)[0] for curve in layout.curves]
+    assert sum(place[2] > 16.0 for place in own) == 2
+    assert sum(place[1] > 8.0 for place in own) == 6
+
+
 def test_a_conductor_that_passes_is_cut_also_where_too_little_is_seen_beyond():
     points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
     earth = make_wire((0.0, 0.0, 17.0), (60.0, 0.0, 17.0), c=6000.0, seed=9)
