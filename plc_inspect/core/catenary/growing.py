@@ -230,8 +230,8 @@ def _extend(  # type: ignore[no-untyped-def]
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
     is_barred = np.zeros(num_curves, dtype=np.bool_)
     is_barred[barred] = True
-    longest, is_known = max_step, False
-    for _ in range(MAX_ROUNDS if row[HIGH] - row[LOW] >= OWNER_LENGTH else FEW_ROUNDS):
+    longest = max_step
+    for number in range(MAX_ROUNDS if row[HIGH] - row[LOW] >= OWNER_LENGTH else FEW_ROUNDS):
         # bins along the curve and as far beyond as it is known
         allowed, reach = math.ceil(longest / STEP), _sure_reach(row, longest)
         first = row[LOW] - reach
@@ -251,8 +251,8 @@ def _extend(  # type: ignore[no-untyped-def]
         before = _walk_back(core[own_low:], centred[own_low:], most)
         beyond = _walk_back(core[: own_high + 1][::-1], centred[: own_high + 1][::-1], most)
         # how far points may lie beside it, it tells once it is fitted to all along it
-        was_known, is_known = is_known or before + beyond == 0, True
-        if not was_known:
+        waits = number == 0 and before + beyond > 0
+        if waits:
             before = beyond = 0
         own_low, own_high = own_low + before, own_high - beyond
         left = (num_own - before - beyond) / num_own
@@ -277,7 +277,7 @@ def _extend(  # type: ignore[no-untyped-def]
             break
         put(grown, row)
         own, stride = kept, step
-        if was_known and length < was + LEAST_GROWTH and longest <= followed + STEP:
+        if not waits and length < was + LEAST_GROWTH and longest <= followed + STEP:
             break
     return own, stride
 
