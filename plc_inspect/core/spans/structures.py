@@ -195,12 +195,12 @@ def find_structure(
         return None
     level = height[found].astype(np.int64)
     column = _best_column(apart, level, stand)
-    if column is not None and not stand.is_told:
-        around = index.strip(near + column, near + column, WALL_REACH)
-        around = around[~wire[around]]
-        if _is_of_wall(points[around, :2] - near - column, height[around], stand):
-            return None
     if column is not None:
+        if not stand.is_told:
+            around = index.strip(near + column, near + column, WALL_REACH)
+            around = around[~wire[around]]
+            if _is_of_wall(points[around, :2] - near - column, height[around], stand):
+                return None
         own = np.hypot(*(apart - column).T) <= COLUMN
         z = points[found[own], 2]
         top = float(z.max()) if stand.is_told else _find_top(z)
@@ -236,28 +236,26 @@ def _best_column(apart: Float64, level: Int64, stand: Stand) -> Float64 | None:
 
 def _is_of_wall(apart: Float64, height: Float32, stand: Stand) -> bool:
     """
-    Tell whether a column at the origin is one of the lines in which a survey scans a wall.
+    Tell whether a column is one of the lines in which a survey scans a wall.
 
-    Lines a metre apart on a wall stand as free as poles do, but in a row.
+    Lines a metre apart on a wall stand as free as poles do, but in a row.  Given are points about
+    the column, (N, 2) from its axis and (N,) above the ground [m].
     """
     first, last = stand.pole_levels
-    distance, level = np.hypot(*apart.T), height.astype(np.int64)
-    own = distance <= COLUMN
-    beside = ~own & (distance <= WALL_REACH) & (level >= first) & (level <= last)
-    own &= (level >= first) & (level <= last)
+    level, distance = height.astype(np.int64), np.hypot(*apart.T)
+    filling = (level >= first) & (level <= last)
+    least = WALL_COLUMNS * (filling & (distance <= COLUMN)).sum()
+    beside = filling & (distance > COLUMN) & (distance <= WALL_REACH)
     apart, level = apart[beside], level[beside]
-    if len(level) < WALL_COLUMNS * own.sum():
+    if len(level) < least:
         return False
     # the way in which most of them lie in a thin plane through the column
     doubled = 2.0 * np.arctan2(apart[:, 1], apart[:, 0])
     turn = 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
     across = apart[:, 1] * math.cos(turn) - apart[:, 0] * math.sin(turn)
-    wall = np.abs(across) <= COLUMN / 2.0
-    filled = len(np.unique(level[wall]))
-    return bool(
-        wall.sum() >= max(WALL_COLUMNS * own.sum(), WALL_SHARE * len(level))
-        and filled >= SURE_FILLED * (last - first + 1)
-    )
+    wall = level[np.abs(across) <= COLUMN / 2.0]
+    is_full = len(np.unique(wall)) >= SURE_FILLED * (last - first + 1)
+    return is_full and len(wall) >= max(least, WALL_SHARE * len(level))
 
 
 def _find_top(z: Float64) -> float:
