@@ -179,8 +179,23 @@ def meet_ends(rows: Float64, num_known: int, max_reach: float) -> tuple[Int64, F
 
 
 def choose_pairs(rows: Float64, pairs: Int64, values: Float64) -> list[int]:
-    """Choose of pairs of rows, as of `meet_ends`, those that meet, the cheapest first."""
-    ends, cost = number_ends(pairs), values[:, 4]
+    """
+    Choose the pairs that meet, each end at most once, all at the least cost.
+
+    Parameters
+    ----------
+    rows : (C, COLUMNS) float64
+        Curves.
+    pairs, values : (P, 4) int64 and (P, 5) float64
+        As of `meet_ends`.
+
+    Returns
+    -------
+    list of int
+        Numbers of the pairs, the cheapest first.
+
+    """
+    ends, cost = _number_ends(pairs), values[:, 4]
     stray = _measure_stray(rows, pairs, ends, values, _choose(pairs, ends, cost))
     return sorted(_choose(pairs, ends, cost + stray).tolist(), key=cost.__getitem__)
 
@@ -212,13 +227,14 @@ def _measure_stray(rows, pairs, ends, values, chosen):  # type: ignore[no-untype
             px, py = plan_of(rows[pairs[m, 0]], values[m, 0])
             along = ((px - x) * wx + (py - y) * wy) / length
             if math.hypot(px - x, py - y) <= TOGETHER and abs(along) <= MAX_OVERLAP:
-                others[num], num = along, num + 1
+                others[num] = along
+                num += 1
         if num:
             result[k] = STRETCH_COST * abs(np.median(others[:num]))
     return result
 
 
-def number_ends(pairs: Int64) -> Int64:
+def _number_ends(pairs: Int64) -> Int64:
     """Return the numbers of the ends of pairs as of `meet_ends`, two of each curve."""
     return np.ascontiguousarray(2 * pairs[:, ::2] + (pairs[:, 1::2] > 0))
 

@@ -197,13 +197,14 @@ def test_wires_of_a_rack_meet_their_own_though_their_curves_run_on():
 
 
 def test_wires_of_a_rack_meet_where_the_others_of_it_do():
-    tops = [10.0 + 0.45 * k for k in range(5)]
     wires = [
-        make_wire(first, second, c=350.0, seed=10 * span + number)
-        for span in range(2) for number, z in enumerate(tops)
-        for first, second in [
-            (((0.0, 0.0, z - 3.0), (46.0, 0.0, z)), ((46.0, 0.0, z), (88.0, 0.0, z - 1.7)))[span]
-        ]
+        make_wire(
+            (start, 0.0, first + 0.45 * k), (end, 0.0, second + 0.45 * k), c=350.0, seed=seed + k,
+        )
+        for start, end, first, second, seed in (
+            (0.0, 46.0, 7.0, 10.0, 0), (46.0, 88.0, 10.0, 8.3, 10)
+        )
+        for k in range(5)
     ]
     places = np.cumsum([0, *map(len, wires)])
     curves = [make_curve(np.vstack(wires), np.arange(*own)) for own in pairwise(places)]
@@ -220,13 +221,13 @@ def test_wires_of_a_rack_meet_where_the_others_of_it_do():
     assert all(abs(joint.position[0] - 46.0) < 0.3 for joint in joints)
 
 
-def test_strands_side_by_side_do_not_meet_where_one_is_seen_no_farther():
+def test_strands_that_hang_side_by_side_for_metres_do_not_meet():
     # of one bundle, each in another strip of a survey: 8 m of both were seen
     first = make_wire((0.0, 0.0, 18.0), (90.0, 0.0, 18.0), c=900.0, parts=((0.0, 0.45),), seed=1)
     second = make_wire(
         (0.0, 0.26, 18.0), (90.0, 0.26, 18.4), c=900.0, parts=((0.36, 0.8),), seed=2,
     )
-    # the second strip was turned by a hundredth of its height
+    # the second strip was turned by a fiftieth
     second[:, 2] += 0.02 * (second[:, 0] - 36.0)
     points = np.vstack([first, second])
     curves = [make_curve(points, own) for own in np.split(np.arange(len(points)), [len(first)])]
