@@ -110,12 +110,13 @@ class Terminal:
         return '\n'.join(self.screen.display)
 
     def wait(self, look, deadline=30.0):
-        """Return what ``look`` returns of the text, once it does not object: half may be drawn."""
+        """Wait until ``look`` has no objection to the text: half of it may be drawn."""
         end = time.monotonic() + deadline
         while True:
             self.read(0.1)
             try:
-                return look(self.text())
+                look(self.text())
+                return
             except AssertionError:
                 if time.monotonic() > end:
                     raise
