@@ -98,9 +98,9 @@ def cut_at_stations(
     Cut curves that pass unbroken through a support at which their neighbours end.
 
     One that ends at a support of another line than theirs runs beside that line, and so does one
-    that is not bent where it would be if it hung there.  Where all others, of which none alone
-    tells, are not bent taken together, none is cut: one conductor in two strips of a survey that
-    lie askew seems to end at a support.
+    that is not bent where it would be if it hung there.  Where one conductor alone tells of the
+    support, and all that pass are not bent taken together, none is cut: in two strips of a survey
+    that lie askew it seems to end.
 
     Parameters
     ----------
@@ -119,9 +119,10 @@ def cut_at_stations(
 
     """
     places = [place_station(group) for group in stations]
+    passing = _measure_passing(points, curves, places, stations, settings)
     chosen = [
-        _choose_bent(lacks)
-        for lacks in _measure_passing(points, curves, places, stations, settings)
+        _choose_bent(lacks, is_alone=len(group) == 1)
+        for lacks, group in zip(passing, stations, strict=True)
     ]
     result = []
     for number, curve in enumerate(curves):
@@ -135,10 +136,11 @@ def cut_at_stations(
     return result
 
 
-def _choose_bent(lacks: dict[int, Lack]) -> set[int]:
-    """Return which of the curves that pass a support may hang there."""
-    rest = {number: lack for number, lack in lacks.items() if not _are_unbent([lack])}
-    return set() if rest and _are_unbent(list(rest.values())) else set(rest)
+def _choose_bent(lacks: dict[int, Lack], *, is_alone: bool) -> set[int]:
+    """Return which of the curves that pass a support may hang there; ``is_alone``: one joint."""
+    if is_alone and lacks and _are_unbent(list(lacks.values())):
+        return set()
+    return {number for number, lack in lacks.items() if not _are_unbent([lack])}
 
 
 def _measure_passing(
