@@ -3,12 +3,12 @@
 
 """Points that belong to a support: its structure, and what goes on beyond the conductors' ends."""
 
-from collections.abc import Sequence
 import math
 
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Bool, Float64, Int64
 
@@ -34,6 +34,25 @@ the arm above it has points; 6 m holds, 2.1 m does not, on bench/constants.py.
 HOLD_POINTS = 3
 """This many points within HOLD_RADIUS of a conductor's end hold it.
 Source: judgement; 1 point holds, 5 points do not, on bench/constants.py."""
+BEYOND = 5.0
+"""The cloud must go on this far beyond a conductor that ends at a support [m].
+Source: judgement; holds from 2.5 to 10 on bench/constants.py."""
+BODY_REACH, BODY_POINTS, BODY_ROOM = 4.0, 5, 0.3
+"""
+Distance from the middle of ends within which what holds them is looked for, its points beyond
+them, at least, how far beside the outermost ones they may and beyond all they must be [m].
+Source: derived: as supports.MANY_REACH, structures.LEAST_BODY and structures.COLUMN.
+"""
+MOST_ABOUT = 0.1
+"""
+Share of a tower's points that there may be farther along the line than its half thickness.
+Source: judgement; a crown of 3 m that stands in the middle has 0.2.
+"""
+SURE_GAPS = 3.0
+"""
+Gaps between points of conductors by which what holds them must be seen beyond their ends.
+Source: derived: of conductors that go on, a gap so long is left by a chance of 5 %.
+"""
 STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
 """
 What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m].
@@ -119,7 +138,7 @@ def _mark_stub(points, found, end, outward, mask):  # type: ignore[no-untyped-de
             mask[i] = True
 
 
-def are_held(points: Float64, index: PlanIndex, wire: Bool, ends: Sequence[Float64]) -> bool:
+def are_held(points: Float64, index: PlanIndex, wire: Bool, ends: Float64) -> bool:
     """
     Tell whether arms or insulators left points about most ends of conductors.
 
@@ -129,7 +148,7 @@ def are_held(points: Float64, index: PlanIndex, wire: Bool, ends: Sequence[Float
         As of `list_structure`.
     wire : (N,) bool
         Points of conductors.
-    ends : sequence of (3,) float64
+    ends : (K, 3) float64
         Ends of conductors [m].
 
     Returns
@@ -141,6 +160,70 @@ def are_held(points: Float64, index: PlanIndex, wire: Bool, ends: Sequence[Float
         _count_around(points, wire, index.strip(end, end, HOLD_RADIUS), end) for end in ends
     ]
     return 2 * sum(count >= HOLD_POINTS for count in counts) >= len(ends)
+
+
+def goes_on(
+    cloud: OffGround, wire: Bool, places: Float64, outward: Float64, gap: float
+) -> bool:
+    """
+    Tell whether a cloud goes on beyond ends of conductors, which thus do not just leave it.
+
+    It does where ground was seen beyond all of them, or something that stands there.  A tower at
+    the border of a cloud is seen from both sides, a crown that was cut with the conductors ends
+    where they do.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        Points off the ground.
+    wire : (N,) bool
+        Points of conductors.
+    places : (K, 3) float64
+        Ends of conductors [m].
+    outward : (K, 2) float64
+        Unit vectors in plan that lead away from them.
+    gap : float
+        How far the last points of the conductors are before their end, in the mean [m].
+
+    Returns
+    -------
+    bool
+
+    """
+    ground = cloud.height.ground
+    ahead = places[:, :2] + BEYOND * outward
+    if ground.holds(ahead) and np.isfinite(ground.at(ahead, max_gap=0.5 * BEYOND)).all():
+        return True
+    return _stands_out(cloud, wire, places, outward, gap)
+
+
+def _stands_out(
+    cloud: OffGround, wire: Bool, places: Float64, outward: Float64, gap: float
+) -> bool:
+    """Tell whether something as thin along the line as a tower was seen beyond all ends."""
+    unit = find_mean_direction(outward)
+    left = np.array([-unit[1], unit[0]])
+    middle, across = places[:, :2].mean(axis=0), places[:, :2] @ left
+    found = cloud.index.strip(middle, middle, BODY_REACH)
+    found = found[~wire[found] & (cloud.points[found, 2] >= places[:, 2].min() - HOLD_RADIUS)]
+    near, stub = cloud.points[found], np.zeros(len(found), dtype=bool)
+    for place, way in zip(places, outward, strict=True):
+        _mark_stub(near, np.arange(len(near)), place, way, stub)
+    beside = near[:, :2] @ left
+    between = (beside >= across.min() - BODY_ROOM) & (beside <= across.max() + BODY_ROOM)
+    along = (near[between & ~stub, :2] - middle) @ unit
+    body = np.abs(along) <= TOWER_SLICE[0]
+    farthest = float(((places[:, :2] - middle) @ unit).max())
+    beyond = along > farthest + max(SURE_GAPS * gap, BODY_ROOM)
+    return bool(
+        (body & beyond).sum() >= BODY_POINTS and (~body).sum() <= MOST_ABOUT * body.sum()
+    )
+
+
+def find_mean_direction(outward: Float64) -> Float64:
+    """Return the (2,) mean of unit vectors (K, 2) in plan."""
+    mean: Float64 = outward.mean(axis=0)
+    return mean / np.linalg.norm(mean)
 
 
 @njit(cache=True, nogil=True)

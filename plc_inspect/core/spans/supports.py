@@ -24,6 +24,8 @@ from plc_inspect.core.spans.structures import (
 )
 from plc_inspect.core.spans.support_points import (
     are_held,
+    find_mean_direction,
+    goes_on,
     list_structure,
     mark_stub,
 )
@@ -44,9 +46,6 @@ Source: judgement; holds from 0.06 to 0.24 on bench/constants.py."""
 MIN_TOWER = 3.0
 """Three and more conductors that end within less than this hang on a pole [m].
 Source: judgement; holds from 1.5 to 6 on bench/constants.py."""
-BEYOND = 5.0
-"""The cloud must go on this far beyond a conductor that ends at a support [m].
-Source: judgement; holds from 2.5 to 10 on bench/constants.py."""
 SAME_PLACE, SAME_HEIGHT = 1.0, 3.0
 """Supports this near in plan and in height are one [m].
 Source: judgement; holds from 0.5 to 2 and from 1.5 to 6 on bench/constants.py."""
@@ -180,7 +179,7 @@ def place_supports(
     placed = []
     for item in _unite(standing):
         is_open = [stations[(end.side + 1) // 2][end.number] < 0 for end in item.ends]
-        if all(is_open) and not _is_held_up(cloud, wire, item):
+        if all(is_open) and not _is_held_up(cloud, wire, item, finals):
             continue
         if item.structure is not None and item.structure.kind == 'pole':
             closed |= _reach_pole(item.ends, item.structure, finals, end_sigma)
@@ -197,15 +196,21 @@ def place_supports(
     return supports, mask, closed
 
 
-def _is_held_up(cloud: OffGround, wire: Bool, item: Standing) -> bool:
+def _is_held_up(
+    cloud: OffGround, wire: Bool, item: Standing, finals: Sequence[CutCurve]
+) -> bool:
     """Tell whether open ends are at a support and did not just leave the cloud."""
     if item.structure is not None and item.structure.kind == 'pole':
         return True
-    highest = max(float(end.place[2]) for end in item.ends)
-    is_tower = item.structure is not None and item.structure.top > highest - MAX_BELOW
-    return len(item.ends) > 1 and _goes_on(cloud, item.ends) and (
-        is_tower or are_held(cloud.points, cloud.index, wire, [end.place for end in item.ends])
-    )
+    if len(item.ends) == 1:
+        return False
+    places = np.array([end.place for end in item.ends])
+    outward = np.array([end.outward for end in item.ends])
+    gap = _measure_gap(item.ends, finals)
+    if not goes_on(cloud, wire, places, outward, gap):
+        return False
+    is_tower = item.structure is not None and item.structure.top > places[:, 2].max() - MAX_BELOW
+    return is_tower or are_held(cloud.points, cloud.index, wire, places)
 
 
 def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Bool) -> _Placed:
@@ -336,16 +341,20 @@ def _reach_support(
     closed = {}
     for group in _group_ways(ends):
         units = np.array([end.outward for end in group])
-        outward = units.mean(axis=0)
-        outward /= np.linalg.norm(outward)
+        outward = find_mean_direction(units)
         along = np.array([end.place[:2] for end in group]) @ outward
-        curves = [finals[end.number].curve for end in group]
-        spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
-        gap = float(spacing) / len(group)
+        gap = _measure_gap(group, finals)
         beyond = (along.max() + gap - along) / (units @ outward)
         for end, more in zip(group, beyond, strict=True):
             closed[end.number, end.side] = float(more), math.hypot(gap, ARM_SCATTER)
     return closed
+
+
+def _measure_gap(ends: Sequence[SpanEnd], finals: Sequence[CutCurve]) -> float:
+    """Return how far before their support the last point of conductors is, in the mean [m]."""
+    curves = [finals[end.number].curve for end in ends]
+    spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
+    return float(spacing) / len(ends)
 
 
 def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
@@ -359,15 +368,6 @@ def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
         else:
             groups.append([end])
     return groups
-
-
-def _goes_on(cloud: OffGround, ends: Sequence[SpanEnd]) -> bool:
-    """Tell whether ground was seen beyond all ends, so that they do not just leave the cloud."""
-    ground = cloud.height.ground
-    ahead = np.array([end.place[:2] + BEYOND * end.outward for end in ends])
-    return ground.holds(ahead) and bool(
-        np.isfinite(ground.at(ahead, max_gap=0.5 * BEYOND)).all()
-    )
 
 
 def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:

@@ -192,3 +192,23 @@ def test_a_crown_that_reaches_the_lowest_of_open_ends_is_no_tower(top):
     label = np.concatenate([label, np.full(len(mast), 15), np.full(len(crown), 5)])
     supports, _, _ = place(points, label)
     assert len(supports) == 1
+
+
+@pytest.mark.parametrize('half', [1.0, 3.0])
+def test_a_tower_at_the_border_of_a_cloud_is_seen_from_both_sides(half):
+    lines = [
+        make_line_cloud(spans=(100.0,), offsets=(-4.0, 4.0), height=height, poles=False)
+        for height in (15.0, 20.0)
+    ]
+    points = np.vstack([lines[0][0], lines[1][0][lines[1][1] == 14]])
+    label = np.concatenate([lines[0][1], lines[1][1][lines[1][1] == 14]])
+    points, label = cut_out(points, label, 2.0, 60.0)
+    body = np.random.default_rng(7).uniform((-half, -3.0, 0.5), (half, 3.0, 22.0), (4000, 3))
+    points = np.vstack([points, body + np.array([60.0, 0.0, 0.0])])
+    label = np.concatenate([label, np.full(len(body), 15)])
+    supports, closed, _ = place(points, label, num_wires=4)
+    # what is as thick along the line as a crown may be one
+    assert [round(support.position[0]) for support in supports] == [60] * (half < 2.0)
+    assert len(closed) == 4 * (half < 2.0)
+    points, label = cut_out(points, label, 2.0, 60.0)
+    assert place(points, label, num_wires=4)[0] == ()
