@@ -10,7 +10,7 @@ from typing import Any
 from plc_inspect.core.hazards.blur import is_blurred
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import HazardKind
+from plc_inspect.results import HazardKind, Severity
 
 END_ROOM = 5.0
 """
@@ -30,6 +30,13 @@ AT_END = 'near an end of the conductor whose support is not known'
 NOT_SHARP = 'the points of the conductor scatter more than those of the others'
 
 
+OF_CONDUCTOR = HazardKind.GROUND, HazardKind.SAG
+"""
+Kinds in which nothing is that may be of a support.
+Source: derived: they rest on the conductor and the ground below it.
+"""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Confidence:
     """How sure a hazard is: probabilities for normal errors of sigma, halved for each doubt."""
@@ -38,26 +45,24 @@ class Confidence:
     """That the distance is less than that of its severity."""
     hazard: float
     """That it is less than the greatest at which anything is reported."""
-    doubts: tuple[str, ...]
 
 
 def find_doubts(note: str) -> str:
     """Return the parts of a hazard's note that say what is in doubt, or an empty string."""
-    return '; '.join(part for part in note.split('; ') if part.startswith(IN_DOUBT))
+    return '; '.join(_split_doubts(note))
 
 
-def judge_confidence(
-    model: SpanModel, x: float, limit: Limit, values: dict[str, Any]
-) -> Confidence:
+def cap_severity(severity: Severity, note: str) -> Severity:
+    """Return what a hazard with a note may be at most: in doubt it is said, not cried."""
+    return min(severity, Severity.WARNING) if _split_doubts(note) else severity
+
+
+def judge_confidence(limit: Limit, values: dict[str, Any]) -> Confidence:
     """
     Tell how sure a hazard is.
 
     Parameters
     ----------
-    model : SpanModel
-        Its span.
-    x : float
-        Where along the curve it is [m].
     limit : Limit
         What is broken.
     values : dict
@@ -76,26 +81,31 @@ def judge_confidence(
         (reach for severity, reach in limit.tiers if severity == values['severity']), limit.reach
     )
     above = -1.0 if values['kind'] == HazardKind.SAG else 1.0
-    doubts = _list_doubts(model, x)
-    num = len(doubts) + bool(find_doubts(values.get('note', '')))
+    share = DOUBTED ** len(_split_doubts(values['note']))
     severity, hazard = (
-        DOUBTED ** num * _judge_margin(above * (distance - measured), values['sigma'])
+        share * _judge_margin(above * (distance - measured), values['sigma'])
         for distance in (own, limit.reach)
     )
-    return Confidence(severity=severity, hazard=hazard, doubts=doubts)
+    return Confidence(severity=severity, hazard=hazard)
+
+
+def list_doubts(model: SpanModel, x: float, kind: HazardKind) -> list[str]:
+    """Return the notes of what speaks against a hazard of a kind at x of a curve [m]."""
+    doubts = []
+    ends = (model.start_x, model.span.open_start), (model.end_x, model.span.open_end)
+    near_end = any(is_open and abs(x - place) <= END_ROOM for place, is_open in ends)
+    if near_end and kind not in OF_CONDUCTOR:
+        doubts.append(IN_DOUBT + AT_END)
+    if is_blurred(model):
+        doubts.append(IN_DOUBT + NOT_SHARP)
+    return doubts
+
+
+def _split_doubts(note: str) -> list[str]:
+    """Return the parts of a note that say what is in doubt."""
+    return [part for part in note.split('; ') if part.startswith(IN_DOUBT)]
 
 
 def _judge_margin(margin: float, sigma: float) -> float:
     """Return the probability that a margin [m] with a normal error is greater than 0."""
     return 0.5 * (1.0 + math.erf(margin / max(sigma, LEAST_SIGMA) / math.sqrt(2.0)))
-
-
-def _list_doubts(model: SpanModel, x: float) -> tuple[str, ...]:
-    """Return what speaks against anything found at x of a curve [m]."""
-    doubts = []
-    ends = (model.start_x, model.span.open_start), (model.end_x, model.span.open_end)
-    if any(is_open and abs(x - place) <= END_ROOM for place, is_open in ends):
-        doubts.append(AT_END)
-    if is_blurred(model):
-        doubts.append(NOT_SHARP)
-    return tuple(doubts)

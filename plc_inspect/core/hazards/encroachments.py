@@ -15,7 +15,7 @@ from plc_inspect.core.hazards.blur import choose_worst, measure_reach
 from plc_inspect.core.hazards.breaches import Breaches, find_breaches
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.columns import THICK
-from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
+from plc_inspect.core.hazards.confidence import cap_severity, judge_confidence, list_doubts
 from plc_inspect.core.hazards.trees import segment_trees, stand_near
 from plc_inspect.core.numerics.grouping import group_cells, group_points
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
@@ -382,10 +382,7 @@ def describe_hazard(
         'voltage': rules.voltage,
         'note': limit.note,
     } | values
-    confidence = judge_confidence(model, x, limit, record)
-    notes = [record['note'], *(IN_DOUBT + doubt for doubt in confidence.doubts)]
-    return record | {
-        'confidence': confidence.severity,
-        'chance': confidence.hazard,
-        'note': '; '.join(filter(None, notes)),
-    }
+    note = '; '.join(filter(None, [record['note'], *list_doubts(model, x, record['kind'])]))
+    record |= {'note': note, 'severity': cap_severity(record['severity'], note)}
+    confidence = judge_confidence(limit, record)
+    return record | {'confidence': confidence.severity, 'chance': confidence.hazard}

@@ -14,9 +14,11 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.hazards.confidence import (
     AT_END,
+    cap_severity,
     find_doubts,
     IN_DOUBT,
     judge_confidence,
+    list_doubts,
     NOT_SHARP,
 )
 from plc_inspect.core.hazards.hazards import find_hazards
@@ -37,9 +39,10 @@ def judge(model, x, clearance, severity=Severity.CRITICAL, sigma=0.1, **changes)
     values = {
         'kind': HazardKind.VEGETATION, 'severity': severity, 'clearance': clearance,
         'horizontal': clearance, 'vertical': 0.0, 'sigma': sigma,
-    }
-    found = judge_confidence(model, x, LIMIT, values | changes)
-    return found.severity, found.doubts
+    } | changes
+    doubts = list_doubts(model, x, values['kind'])
+    found = judge_confidence(LIMIT, values | {'note': '; '.join(doubts)})
+    return found.severity, [doubt.removeprefix(IN_DOUBT) for doubt in doubts]
 
 
 @pytest.mark.parametrize(('clearance', 'confidence'), [
@@ -50,7 +53,7 @@ def test_confidence_is_the_chance_that_the_limit_is_broken(clearance, confidence
     middle = (model.start_x + model.end_x) / 2
     found, doubts = judge(model, middle, clearance)
     assert found == pytest.approx(confidence, abs=0.001)
-    assert doubts == ()
+    assert doubts == []
     warning, _ = judge(model, middle, clearance, Severity.WARNING)
     assert warning == pytest.approx(1.0)
     sag, _ = judge(model, middle, 4.1, Severity.WARNING, kind=HazardKind.SAG)
@@ -59,12 +62,26 @@ def test_confidence_is_the_chance_that_the_limit_is_broken(clearance, confidence
 
 def test_doubts_halve_it():
     model = fit_model(open_start=True)
-    assert judge(model, model.start_x + 3.0, 0.5) == (pytest.approx(0.5), (AT_END,))
-    assert judge(model, model.start_x + 8.0, 0.5)[1] == ()
-    assert judge(model, model.end_x - 3.0, 0.5)[1] == ()
+    assert judge(model, model.start_x + 3.0, 0.5) == (pytest.approx(0.5), [AT_END])
+    assert judge(model, model.start_x + 8.0, 0.5)[1] == []
+    assert judge(model, model.end_x - 3.0, 0.5)[1] == []
     blurred = dataclasses.replace(model, scatter=model.curve.fit.rmse / 3.0)
     found = judge(blurred, model.start_x + 3.0, 0.5)
-    assert found == (pytest.approx(0.25), (AT_END, NOT_SHARP))
+    assert found == (pytest.approx(0.25), [AT_END, NOT_SHARP])
+
+
+def test_what_lies_below_an_open_end_is_of_no_support():
+    model = fit_model(open_start=True)
+    found = [kind for kind in HazardKind if list_doubts(model, model.start_x, kind)]
+    assert found == [kind for kind in HazardKind
+                     if kind not in (HazardKind.GROUND, HazardKind.SAG)]
+
+
+@pytest.mark.parametrize('severity', Severity)
+def test_what_is_in_doubt_is_at_most_a_warning(severity):
+    assert cap_severity(severity, 'measured horizontally') == severity
+    note = f'measured horizontally; {IN_DOUBT}{NOT_SHARP}'
+    assert cap_severity(severity, note) == min(severity, Severity.WARNING)
 
 
 def test_hazards_say_how_sure_they_are_and_the_unsure_are_not_raised():
@@ -75,6 +92,7 @@ def test_hazards_say_how_sure_they_are_and_the_unsure_are_not_raised():
     first, second = find_hazards(*args, HazardSettings()).hazards
     assert first.confidence == pytest.approx(0.5, abs=0.01)
     assert first.note == f'in doubt: {AT_END}'
+    assert (first.severity, second.severity) == (Severity.WARNING, Severity.CRITICAL)
     assert second.confidence == pytest.approx(1.0)
     assert 'doubt' not in second.note
     (only,) = find_hazards(*args, HazardSettings(min_confidence=0.6)).hazards
