@@ -211,6 +211,21 @@ def test_a_pole_of_few_points_at_an_end_does_not_fall(y, falls):
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
 
 
+@pytest.mark.parametrize(('bottom', 'top', 'falls'), [
+    (18.0, 23.0, False), (2.5, 20.0, True), (11.0, 22.0, True),
+])
+def test_what_hangs_above_a_few_points_by_more_than_they_are_tall_does_not_fall(
+    bottom, top, falls
+):
+    points = np.array([
+        (50.0, 6.0, bottom), (50.3, 6.0, 19.0), (50.1, 6.0, top), (50.2, 6.0, 23.1),
+    ])
+    records = find_falling_trees(
+        make_fallible(points), [make_model(*ENDS)], (), RULES, SETTINGS, []
+    )
+    assert [record['height'] for record in records] == [23.1] * falls
+
+
 @pytest.mark.parametrize(('seen', 'sigma'), [(True, 0.15), (False, 0.335)])
 def test_a_tree_is_less_surely_as_tall_where_the_ground_below_it_was_not_seen(seen, sigma):
     tree = make_tree(50.0, 6.0, 11.0, bottom=2.5)
