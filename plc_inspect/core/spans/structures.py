@@ -56,6 +56,11 @@ many standard deviations of chance; and its points, at least.  A crown has a sha
 Source: measured: poles of five real clouds and of random scenes have 0.51 to 1, crowns 0.14 to
 0.42; derived: of 20 points 10 must be the column's, of 12 seven, of 5 four.
 """
+LEAST_HALF = 4
+"""
+Metres of its upper half in which alone a pole may show that it is none of a crown.
+Source: derived: the top of a crown is as thin as a pole over a metre or two.
+"""
 CHANCE = 1
 """
 Points that the ring may lack by chance.
@@ -229,9 +234,13 @@ def _best_column(apart: Float64, level: Int64, stand: Stand) -> Float64 | None:
     if filled < share * needed or free < max(FREE * needed, LEAST_FREE):
         return None
     axis: Float64 = np.median(apart[np.hypot(*(apart - best).T) <= COLUMN], axis=0)
+    if stand.is_told:
+        return axis
     distance = np.hypot(*(apart - axis).T)
-    num_own, num_near = (int((distance <= reach).sum()) for reach in (COLUMN, RING * COLUMN))
-    return axis if stand.is_told or _is_sure(num_own, num_near) else None
+    half = needed // 2
+    upper = distance[level > needed - half]  # a pole stands out of the crowns about its foot
+    parts = [distance] if half < LEAST_HALF else [distance, upper]
+    return axis if any(map(_is_sure, parts)) else None
 
 
 def _is_of_wall(apart: Float64, height: Float32, stand: Stand) -> bool:
@@ -265,8 +274,9 @@ def _find_top(z: Float64) -> float:
     return float(order[close[-1] + 1] if len(close) else order[0])
 
 
-def _is_sure(num_own: int, num_near: int) -> bool:
-    """Whether a column holds so many of the points about it that it is no part of a crown."""
+def _is_sure(distance: Float64) -> bool:
+    """Whether a column has so many of the points about it, (N,) far off, that it is no crown's."""
+    num_own, num_near = (int((distance <= reach).sum()) for reach in (COLUMN, RING * COLUMN))
     if num_own < max(SURE_POINTS, SURE_SHARE * num_near):
         return False
     # lower end of Wilson's interval of the share

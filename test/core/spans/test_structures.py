@@ -14,6 +14,7 @@ def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None, **chang
     stand = Stand(
         near=np.array(near), azimuth=azimuth, reach=reach, attachment=attachment, top=top,
         lowest=changes.get('lowest', 0.0), may_be_tower=changes.get('may_be_tower', True),
+        is_told=changes.get('is_told', True),
     )
     return find_structure(
         points, points[:, 2].astype(np.float32), make_index(points), wire, stand
@@ -74,6 +75,14 @@ def test_crowns_are_no_poles(seed):
     crown = make_tree(0.5, 0.5, 16.0, num=4000, seed=seed)
     found = find(crown, attachment=14.0)
     assert found is None or found.kind != 'pole'
+
+
+@pytest.mark.parametrize(('top', 'is_found'), [(5.5, True), (11.0, False)])
+def test_a_pole_that_nothing_tells_of_may_stand_in_a_crown_but_for_its_upper_half(top, is_found):
+    crown = make_tree(0.4, 0.3, top, bottom=1.0, radius=1.2, num=700)
+    pole = make_pole(0.0, 0.0, 13.0)[::8]
+    found = find(np.vstack([pole, crown]), attachment=13.0, is_told=False)
+    assert (found is not None and found.kind == 'pole') == is_found
 
 
 @pytest.mark.parametrize('seed', range(5))
