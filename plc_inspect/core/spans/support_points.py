@@ -10,6 +10,7 @@ import numpy as np
 
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import PlanIndex
+from plc_inspect.core.spans.structures import MAX_BELOW
 from plc_inspect.results import Bool, Float64, Int64
 
 POLE_SLICE, TOWER_SLICE = (0.8, 0.8), (2.0, 2.0)
@@ -34,6 +35,13 @@ the arm above it has points; 6 m holds, 2.1 m does not, on bench/constants.py.
 HOLD_POINTS = 3
 """This many points within HOLD_RADIUS of a conductor's end hold it.
 Source: judgement; 1 point holds, 5 points do not, on bench/constants.py."""
+ARM_REACH, ARM_GAP = 12.0, 1.0
+"""
+How far beyond the conductors that were found the arms of a support may reach, and the gap at
+which they end [m].
+Source: judgement; the widest towers of one level are 20 to 25 m wide, sparse surveys meet an arm
+each metre.
+"""
 BEYOND = 5.0
 """The cloud must go on this far beyond a conductor that ends at a support [m].
 Source: judgement; holds from 2.5 to 10 on bench/constants.py."""
@@ -64,6 +72,7 @@ bench/constants.py.
 def list_structure(
     points: Float64,
     index: PlanIndex,
+    wire: Bool,
     place: Float64,
     azimuth: float,
     attachments: Float64,
@@ -80,6 +89,8 @@ def list_structure(
         Coordinates [m].
     index : PlanIndex
         Of the points off the ground.
+    wire : (N,) bool
+        Points of conductors.
     place : (2,) float64
         Where the support stands in plan [m].
     azimuth : float
@@ -100,11 +111,37 @@ def list_structure(
     left = np.array([-unit[1], unit[0]])
     half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside
     reach = math.hypot(half, along_arm)
-    found = index.strip(place, place, reach)
+    found = index.strip(place, place, reach if kind == 'pole' else half + ARM_REACH)
     apart = points[found, :2] - place
-    inside = (np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)
+    along, across = apart @ unit, apart @ left
+    inside = (np.abs(along) <= along_arm) & (np.abs(across) <= half)
+    high = ~wire[found] & (points[found, 2] >= attachments[:, 2].min() - MAX_BELOW)
+    high &= np.abs(along) <= BODY_REACH
+    held = high & inside
+    if kind != 'pole' and held.any():
+        for side in (-1.0, 1.0):
+            arm = high & (side * across > half)
+            beyond = side * across[arm] - (side * across[held]).max()
+            inside[arm] |= _are_of_arm(along[arm], beyond)
     result: Int64 = found[inside]
     return result
+
+
+def _are_of_arm(along: Float64, beyond: Float64) -> Bool:
+    """
+    Tell the points of an arm that reaches beyond the conductors that were found.
+
+    It goes on without gaps and is as thin along the line as a tower; a crown is not.  Given are
+    points (N,) along the line from the middle of the support, and how far beyond its own [m].
+    """
+    order = np.argsort(beyond)
+    gaps = np.flatnonzero(np.diff(beyond[order], prepend=0.0) > ARM_GAP)
+    own = np.zeros(len(beyond), dtype=bool)
+    own[order[: gaps[0] if len(gaps) else None]] = True
+    thin = np.abs(along) <= TOWER_SLICE[0]
+    if (own & ~thin).sum() > MOST_ABOUT * (own & thin).sum():
+        return np.zeros(len(beyond), dtype=bool)
+    return own & thin
 
 
 def mark_stub(
@@ -206,12 +243,13 @@ def _stands_out(
     middle, across = places[:, :2].mean(axis=0), places[:, :2] @ left
     found = cloud.index.strip(middle, middle, BODY_REACH)
     found = found[~wire[found] & (cloud.points[found, 2] >= places[:, 2].min() - HOLD_RADIUS)]
-    near, stub = cloud.points[found], np.zeros(len(found), dtype=bool)
+    stub = np.zeros(len(cloud.points), dtype=bool)
     for place, way in zip(places, outward, strict=True):
-        _mark_stub(near, np.arange(len(near)), place, way, stub)
-    beside = near[:, :2] @ left
+        mark_stub(cloud.points, cloud.index, place, way, stub)
+    found = found[~stub[found]]
+    beside = cloud.points[found, :2] @ left
     between = (beside >= across.min() - BODY_ROOM) & (beside <= across.max() + BODY_ROOM)
-    along = (near[between & ~stub, :2] - middle) @ unit
+    along = (cloud.points[found[between], :2] - middle) @ unit
     body = np.abs(along) <= TOWER_SLICE[0]
     farthest = float(((places[:, :2] - middle) @ unit).max())
     beyond = along > farthest + max(SURE_GAPS * gap, BODY_ROOM)

@@ -223,7 +223,7 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
     kind = 'pole' if len(item.ends) < POLE_ENDS else None
     if structure is not None:
         top, kind = max(top, structure.top), structure.kind
-    own = list_structure(cloud.points, cloud.index, place, azimuth, attachments, kind)
+    own = list_structure(cloud.points, cloud.index, wire, place, azimuth, attachments, kind)
     reached = cloud.points[own[~wire[own]], 2].max(initial=-math.inf)
     # a tree or a house below the ends holds nothing
     if structure is not None or reached >= float(attachments[:, 2].min()) - MAX_BELOW:

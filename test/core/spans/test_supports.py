@@ -147,6 +147,24 @@ def test_a_tree_beside_a_support_that_was_not_seen_is_not_of_it():
     assert not mask[np.flatnonzero(np.isin(points, tree).all(axis=1))].any()
 
 
+@pytest.mark.parametrize(('thick', 'gap', 'num_marked'), [
+    (0.5, 0.3, 2), (0.5, 2.0, 1), (4.0, 0.3, 1),
+])
+def test_an_arm_reaches_beyond_the_conductors_that_were_found(thick, gap, num_marked):
+    random = np.random.default_rng(3)
+    near, far = (
+        random.uniform((100.0 - deep, low, 15.5), (100.0 + deep, high, 16.0), (300, 3))
+        for low, high, deep in ((-3.5, 3.8, 0.5), (3.8 + gap, 8.0, thick))
+    )  # what is as thick along the line as a crown may be one
+    points, label = make_line(poles=False, offsets=(-3.0, 0.0, 3.0), more=[near, far])
+    supports, _, mask = place(points, label)
+    assert [support.kind for support in supports] == ['unseen']
+    for part, is_marked in zip((near, far), (True, num_marked == 2), strict=True):
+        own = np.isin(points, part).all(axis=1)
+        assert mask[own].any() == is_marked
+        assert mask[own].all() == is_marked
+
+
 @pytest.mark.parametrize(('above', 'num'), [(2.0, 1), (4.5, 1), (6.0, 0)])
 def test_ends_below_an_arm_are_at_a_support(above, num):
     offsets = (-3.0, 0.0, 3.0)
