@@ -32,7 +32,7 @@ from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
 from plc_inspect.core.spans.route import EAST, trace_routes
-from plc_inspect.core.spans.service_drops import add_taps
+from plc_inspect.core.spans.service_drops import add_taps, FindSeeds, STEEPEST_DEG
 from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans, tell_evidence
 from plc_inspect.core.spans.standing_poles import find_poles
 from plc_inspect.core.stage_log import StageLog, StageMemory
@@ -199,8 +199,13 @@ def _find_once(
     hung = log.run(
         None,
         lambda: _hang(
-            *_revise(points, height, cloud, conductors, settings, whole), inliers, settings, rng,
-            east,
+            *_revise(points, height, cloud, conductors, settings, whole),
+            lambda: (inliers, find_candidates(
+                cloud.points, cloud.high, origin,
+                replace(linearity, max_inclination_deg=STEEPEST_DEG), scales,
+                linearity.max_inclination_deg,
+            )),
+            settings, rng, east,
         ),
         lambda result: report_supports(result.layout, result.spans, len(result.borne)),
     )
@@ -288,7 +293,7 @@ def _hang(
     height: HeightResult,
     cloud: OffGround,
     conductors: ConductorResult,
-    inliers: LinearityResult,
+    find_seeds: FindSeeds,
     settings: Settings,
     rng: np.random.Generator,
     east: Float64,
@@ -306,7 +311,7 @@ def _hang(
         poles,
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
-    spans = add_taps(cloud, inliers, spans, settings)
+    spans = add_taps(cloud, find_seeds, spans, settings)
     spans = settle_strays(cloud, spans)
     spans = tell_evidence(cloud, spans, height.ground, settings.catenary)
     spans = spread_spans(spans, cloud)

@@ -143,15 +143,16 @@ def find_candidates(
     origin: Float64,
     settings: LinearitySettings,
     scales: Scales | None = None,
+    least_inclination_deg: float = 0.0,
 ) -> LinearityResult:
     """
     Find voxels whose neighbourhood is linear and nearly horizontal, at several scales.
 
     A voxel is a candidate where the block about it holds ``min_neighbors`` points or more, has a
     linear likeness of ``threshold`` or more and a first eigenvector within
-    ``max_inclination_deg`` of the horizontal.  Moments of coarse voxels are sums of those of fine
-    ones, so every point is visited once.  A coarse voxel is left out if one of its eight parts is
-    a candidate in the same direction.
+    ``max_inclination_deg`` of the horizontal, and no nearer than asked.  Moments of coarse voxels
+    are sums of those of fine ones, so every point is visited once.  A coarse voxel is left out if
+    one of its eight parts is a candidate in the same direction.
 
     Parameters
     ----------
@@ -165,6 +166,8 @@ def find_candidates(
         Settings of this stage.
     scales : Scales or None
         Scales of these points, where they are known already.
+    least_inclination_deg : float
+        Least inclination of a candidate [deg].
 
     Returns
     -------
@@ -173,7 +176,10 @@ def find_candidates(
     """
     if scales is None:
         scales = measure_scales(points, chosen, origin, settings)
-    limit = math.sin(math.radians(settings.max_inclination_deg))
+    least, limit = (
+        math.sin(math.radians(inclination))
+        for inclination in (least_inclination_deg, settings.max_inclination_deg)
+    )
     parts = []
     sizes, nums = [], []
     histogram = np.zeros(NUM_BINS + 1, dtype=np.int64)
@@ -185,10 +191,9 @@ def find_candidates(
         histogram += np.bincount(
             (likeness.linear[enough] * NUM_BINS).astype(np.int64), minlength=NUM_BINS + 1
         )
+        rise = np.abs(likeness.direction[:, 2])
         linear_before, linear = linear, (
-            enough
-            & (likeness.linear >= settings.threshold)
-            & (np.abs(likeness.direction[:, 2]) <= limit)
+            enough & (likeness.linear >= settings.threshold) & (rise >= least) & (rise <= limit)
         )
         # unless the scale before has a part of it
         good = np.flatnonzero(linear)

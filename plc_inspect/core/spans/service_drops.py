@@ -3,7 +3,7 @@
 
 """Taps: short pieces of conductor that branch off at a support, sideways of the line."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 import math
 
@@ -23,7 +23,7 @@ from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import add_up, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
 from plc_inspect.core.spans.span_fit import CutCurve
 from plc_inspect.core.spans.span_model import FittedSpan, model_span, SpanModel
 from plc_inspect.core.spans.spans import copy_labels, measure_ground_below, SpanResult
@@ -61,45 +61,38 @@ Candidates of one window follow each other in azimuth by less than this.
 Source: judgement; holds from 6 to 24 degrees on bench/constants.py.
 """
 LEAST_SEEDS = 3
-"""
-Candidates that lead one way, at least.
-Source: judgement; holds from 1 to 6 on bench/constants.py.
-"""
+"""Candidates that lead one way, at least.
+Source: judgement; holds from 1 to 6 on bench/constants.py."""
 LEAST_LENGTH = 3.5
-"""
-Shorter pieces are arms and insulators [m].
-Source: judgement; worse at 0.7 and 1.4 of it on bench/constants.py.
-"""
+"""Shorter pieces are arms and insulators [m].
+Source: judgement; worse at 0.7 and 1.4 of it on bench/constants.py."""
 MIN_COVERAGE = 0.5
 """
 Share of its half metres that hold points.
 Source: judgement; holds down to 0.25, not up to 1.4 of it, on bench/constants.py.
 """
+END_ROOM = 0.5
+"""A tap ends this far above what is not looked at, at least [m].
+Source: derived: else it may be a stay, of which the points are so far apart."""
 LEAST_HEIGHT = 0.4
 """
 Taps leave a support above this share of its height.
 Source: judgement; holds down to 0.28, not up to 1.4 of it, on bench/constants.py.
 """
 ABOVE = 1.5
+"""And at most this far above its top [m].
+Source: judgement; holds from 0.75 to 3 on bench/constants.py."""
+STEEPEST_DEG = 40.0
 """
-And at most this far above its top [m].
-Source: judgement; holds from 0.75 to 3 on bench/constants.py.
-"""
-MAX_SLOPE = math.tan(math.radians(25.0))
-"""
-Steepest rise of a tap half way.
-Source: judgement; holds from 13.1 to 43 degrees on bench/constants.py.
+Steepest inclination of a tap half way, and of what points along it [deg].
+Source: derived: a drop of 6 m to a house 7 m away; stays stand at 45 degrees and more.
 """
 STEP = 0.5
-"""
-Steps in which a tap is followed back to its support [m].
-Source: judgement; holds from 0.25 to 1 on bench/constants.py.
-"""
+"""Steps in which a tap is followed back to its support [m].
+Source: judgement; holds from 0.25 to 1 on bench/constants.py."""
 AT_AXIS = 0.5
-"""
-What is nearer to the axis of a support is the support's [m].
-Source: judgement; not measured.
-"""
+"""What is nearer to the axis of a support is the support's [m].
+Source: judgement; not measured."""
 SIDE_ROOM, TOP_ROOM = 0.5, 1.0
 """
 Points of a tap may lie this far beyond what its candidates keep, beside and above [m].
@@ -114,8 +107,12 @@ THIN_SIGMAS = 2.0
 """A tap is judged within this many rms of its own.  Source: judgement; not measured."""
 
 
+FindSeeds = Callable[[], Sequence[LinearityResult]]
+"""Returns places where points lie along a line; lines of one of them are looked for together."""
+
+
 def add_taps(
-    cloud: OffGround, candidates: LinearityResult, spans: SpanResult, settings: Settings
+    cloud: OffGround, find_seeds: FindSeeds, spans: SpanResult, settings: Settings
 ) -> SpanResult:
     """
     Add the conductors that branch off at supports and are too short to be believed elsewhere.
@@ -129,8 +126,9 @@ def add_taps(
     ----------
     cloud : OffGround
         Points off the ground.
-    candidates : LinearityResult
-        Places where points lie along a line.
+    find_seeds : callable
+        Finds places where points lie along a line: nearly level ones, then those that are steep,
+        which are twigs and braces more often.  Called only where there may be taps.
     spans : SpanResult
         Spans and supports so far, with labels of these points.
     settings : Settings
@@ -141,23 +139,25 @@ def add_taps(
     SpanResult
 
     """
-    if not spans.models or not spans.supports or not len(candidates.position):
+    ends = [_find_ends(support, spans.models) for support in spans.supports]
+    may_have = [len(own) > 0 and own[:, 0].max() <= MAX_ARM for own in ends]
+    if not any(may_have):
         return spans
     spans = copy_labels(spans)
-    places = build_plan_index(candidates.position, np.arange(len(candidates.position)), REACH / 2)
+    seeds = [
+        (build_plan_index(own.position, np.arange(len(own.position)), REACH / 2), own)
+        for own in find_seeds() if len(own.position)
+    ]
     models, grounds = list(spans.models), list(spans.ground_below)
     supports = []
     line_id = max(model.span.line_id for model in models) + 1
     span_id = max(model.span.span_id for model in models) + 1
-    for support in spans.supports:
+    for number, support in enumerate(spans.supports):
         lines = []
-        ends = _find_ends(support, spans.models)
-        if not len(ends) or ends[:, 0].max() > MAX_ARM:
+        if not may_have[number]:
             supports.append(support)
             continue
-        near = places.strip(support.position, support.position, REACH)
-        seeds = candidates.position[near], candidates.direction[near]
-        for azimuth, slope, middle in _find_ways(support, ends[:, 1], *seeds):
+        for azimuth, slope, middle in _list_ways(support, ends[number][:, 1], seeds):
             curves = _find_curves(cloud, spans.line_id >= 0, support, azimuth, slope, middle,
                                   settings)
             for curve, low in curves:
@@ -203,6 +203,15 @@ def _find_ends(support: Support, models: Sequence[SpanModel]) -> Float64:
     return np.array(found).reshape(-1, 2)
 
 
+def _list_ways(
+    support: Support, taken: Float64, seeds: Sequence[tuple[PlanIndex, LinearityResult]]
+) -> Iterator[tuple[float, float, float]]:
+    """Yield what `_find_ways` does, of the seeds of one kind after the other."""
+    for places, own in seeds:
+        near = places.strip(support.position, support.position, REACH)
+        yield from _find_ways(support, taken, own.position[near], own.direction[near])
+
+
 def _find_ways(
     support: Support, taken: Float64, position: Float64, direction: Float64
 ) -> Iterator[tuple[float, float, float]]:
@@ -242,9 +251,8 @@ def _find_curves(
     """Return the taps that leave a support one way, and the x at which each begins."""
     points, limits = cloud.points, settings.catenary
     unit = np.array([math.cos(azimuth), math.sin(azimuth)])
-    foot, tip = support.position, support.position[:2] + REACH * unit
-    index = cloud.index
-    found = index.strip(foot, tip, AXIS_MISS)
+    index, foot = cloud.index, support.position
+    found = index.strip(foot, foot[:2] + REACH * unit, AXIS_MISS)
     found = found[~wire[found]]
     apart = points[found] - foot
     x, y = apart[:, :2] @ unit, apart[:, :2] @ np.array([-unit[1], unit[0]])
@@ -308,11 +316,12 @@ def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) ->
 def _leaves(curve: Curve, support: Support) -> bool:
     """Whether a curve, extrapolated, passes the axis of a support where conductors hang."""
     x, y = curve.local_place(support.position)
+    slope = float(curve.fit.slope((max(curve.low, x) + curve.high) / 2))
     above = float(curve.fit.height(x)) - support.position[2]
     return (
         abs(y) <= AXIS_MISS
         and LEAST_HEIGHT * support.height < above < support.height + ABOVE
-        and abs(float(curve.fit.slope((max(curve.low, x) + curve.high) / 2))) <= MAX_SLOPE
+        and abs(slope) <= math.tan(math.radians(STEEPEST_DEG))
     )
 
 
@@ -338,6 +347,7 @@ def _is_tap(
         thin.length < LEAST_LENGTH
         or max(thin.low, curve.low) - at > FIRST_SEEN
         or not _leaves(curve, support)
+        or _comes_to_ground(cloud, curve)
         or (support.kind == 'unseen' and _comes_to_mast(cloud, curve))
     ):
         return False
@@ -350,6 +360,12 @@ def _is_tap(
         and profile.coverage >= MIN_COVERAGE
         and profile.crowding <= limits.max_crowding
     )
+
+
+def _comes_to_ground(cloud: OffGround, curve: Curve) -> bool:
+    """Whether a curve ends near the ground: it is a stay."""
+    tip = curve.position(curve.high)
+    return float(tip[0, 2] - cloud.height.ground.at(tip[:, :2])[0]) < cloud.least + END_ROOM
 
 
 def _comes_to_mast(cloud: OffGround, curve: Curve) -> bool:

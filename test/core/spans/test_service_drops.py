@@ -60,6 +60,14 @@ def test_the_line_is_as_it_is_without_its_taps(street):
     assert ((alone.line_id >= 0) != (result.line_id >= 0)[~own]).sum() < 20  # of 14,760
 
 
+@pytest.mark.parametrize('rise', [-3.4, -4.9, 2.8])
+def test_a_drop_may_be_steep(rise):
+    points, own = make_street(((45.2, 0.4, 7.4), (47.0, 7.0, 7.4 + rise)))
+    result = Pipeline().run(points)
+    assert result.num_lines == 4
+    assert (result.classification[own] == PointClass.WIRE).mean() > 0.9
+
+
 @pytest.mark.parametrize('degrees', [50, 200])
 def test_yaw_turns_taps(street, degrees):
     points, own, result = street
@@ -72,6 +80,7 @@ def test_yaw_turns_taps(street, degrees):
 @pytest.mark.parametrize('piece', [
     pytest.param(((45.2, 0.4, 7.4), (45.6, 2.4, 7.4)), id='an arm'),
     pytest.param(((45.2, 0.4, 7.4), (48.0, 7.0, 1.0)), id='a stay'),
+    pytest.param(((45.2, 0.4, 7.4), (48.0, 9.0, 1.0)), id='a stay as flat as a drop'),
     pytest.param(((46.5, 5.0, 7.4), (47.9, 10.0, 7.1)), id='it begins too far from the pole'),
     pytest.param(((45.2, 0.4, 2.0), (47.0, 7.0, 1.9)), id='a fence'),
 ])
