@@ -46,6 +46,8 @@ Blur over its limit from which lines are not looked for in the whole map any mor
 Source: measured: bench/studies/sharpness.py: no right line was found from 4 on; bench/faults.py:
 quaternions written in another order gave 3.2, and 128 lines that are none.
 """
+UNKNOWN = 'sharpness unknown: too few planes and lines were seen twice'
+UNPROVEN = f'{UNKNOWN}; hazards are as right as mount, frames and time: check them'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +98,7 @@ class Sharpness:
         if self.doubt:
             return self.doubt
         if not self.known:
-            return 'sharpness unknown: too few planes and lines were seen twice'
+            return UNKNOWN
         text = (
             f'sharpness {self.figure:.2f}: things seen twice lie {self.distance:.3f} m apart, '
             f'noise {self.noise:.3f} m'

@@ -130,10 +130,14 @@ def replay(
 
 
 def describe_losses(inspection: 'Inspection') -> str:
-    """Return a text about the input missing in the map, '' if nothing is."""
+    """Return a text about the input missing in the map, or not proven, '' if nothing is."""
+    from plc_inspect.core.setup.sharpness import UNPROVEN
+
     counts = inspection.counts
     parts = [counts['mount_doubt']] if counts.get('mount_doubt') else []
     parts += [part['text'] for part in counts.get('parts', [])]
+    if inspection.result.hazards and not counts['sharpness']['known']:
+        parts.append(UNPROVEN)
     for title, key in (
         ('scans dropped', 'scans_dropped'),
         ('poses rejected', 'poses_rejected'),

@@ -16,6 +16,7 @@ import numpy as np
 
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
+from plc_inspect.core.setup.sharpness import UNPROVEN
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
@@ -225,7 +226,8 @@ def describe_map(
     """
     Describe size and sharpness of the map, and the size of the process.
 
-    A doubt about the map is an error, and so is a map that is not sharp.
+    A doubt about the map is an error, and so is a map that is not sharp.  Where that is not known,
+    hazards are a warning.
     """
     share = len(voxels) / voxels.max_voxels
     sharpness = state.sharpness if state else None
@@ -236,6 +238,8 @@ def describe_map(
         level, text = DiagnosticStatus.ERROR, sharpness.describe()
     elif refused:
         level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
+    elif state is not None and state.hazards and not state.sharpness.known:
+        level, text = DiagnosticStatus.WARN, UNPROVEN
     values: dict[str, object] = {
         'voxels': len(voxels),
         'voxels at most': voxels.max_voxels,

@@ -15,6 +15,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from plc_inspect.core.setup.sharpness import UNPROVEN
 from plc_inspect.offline.commands.replay import describe_losses, main
 from plc_inspect.offline.export.results_folder import FILES
 
@@ -226,6 +227,20 @@ def test_real_scans_of_a_room(tmp_path, capfd, layout):
 @pytest.mark.parametrize(('number', 'told'), [(0, ''), (2, 'begun anew 2 times')])
 def test_a_map_that_was_begun_anew_is_told(number, told):
     nothing = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0}
-    found = describe_losses(types.SimpleNamespace(counts=nothing | {'num_map_restarts': number}))
+    found = describe_losses(types.SimpleNamespace(
+        counts=nothing | {'num_map_restarts': number}, result=types.SimpleNamespace(hazards=()),
+    ))
     assert told in found
     assert bool(found) == bool(number)
+
+
+@pytest.mark.parametrize(('known', 'num_hazards', 'told'), [
+    (False, 2, True), (True, 2, False), (False, 0, False),
+])
+def test_hazards_of_a_map_of_unknown_sharpness_are_told_as_such(known, num_hazards, told):
+    counts = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0,
+              'num_map_restarts': 0, 'sharpness': {'known': known}}
+    found = describe_losses(types.SimpleNamespace(
+        counts=counts, result=types.SimpleNamespace(hazards=[None] * num_hazards),
+    ))
+    assert found == (UNPROVEN if told else '')

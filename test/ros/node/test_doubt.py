@@ -4,7 +4,14 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+
+from plc_inspect.config import MapSettings
 from plc_inspect.core.live.session import Session
+from plc_inspect.core.setup.sharpness import Sharpness, UNPROVEN
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
+from plc_inspect.ros.node.diagnostics import describe_map
 from plc_inspect.ros.node.doubt import KnownStates, TRUSTED_NS
 
 NOTHING = Session().state
@@ -63,3 +70,14 @@ def test_what_was_before_time_went_back_is_forgotten():
     for stamp in range(0, 300 * SECOND, 2 * SECOND):
         known.add(stamp, NOTHING)
         assert len(known._states) < 12
+
+
+@pytest.mark.parametrize(('num_hazards', 'sharpness', 'level', 'text'), [
+    (1, Sharpness(), DiagnosticStatus.WARN, UNPROVEN),
+    (0, Sharpness(), DiagnosticStatus.OK, '0% of the map in use'),
+    (1, Sharpness(num_cells=40), DiagnosticStatus.OK, '0% of the map in use'),
+])
+def test_hazards_of_a_map_of_unknown_sharpness_are_a_warning(num_hazards, sharpness, level, text):
+    state = replace(NOTHING, hazards=(None,) * num_hazards, sharpness=sharpness)
+    status = describe_map(VoxelMap(MapSettings()), 0, 0, '', state)
+    assert (status.level, status.message) == (level, text)
