@@ -199,6 +199,7 @@ class Pipeline:
             DoubtfulCurves(
                 alone=tuple(itertools.compress(alone, ~on_roof)),
                 crowded=tuple(itertools.compress(crowded, ~row_on_roof)),
+                sight=lines.sight,
             ),
         )
         return found, label(lines, corridor, nearby, found.foliage)

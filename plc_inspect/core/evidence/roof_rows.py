@@ -1,16 +1,17 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Doubtful curves that are the rows of a scanner on a roof, and no wires."""
+"""Lines that are the rows of a scanner on a roof, and no wires."""
 
 from collections.abc import Sequence
 import math
 
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.core.extraction.ground_grid import GroundGrid
-from plc_inspect.results import Bool, Float64
+from plc_inspect.errors import FitError
+from plc_inspect.results import Bool, Float64, Int64
 
 BESIDE = 2.5
 """
@@ -33,6 +34,8 @@ Source: measured: 0.75 of the curves on roofs of bench/studies/planted_hazards.p
 """
 AT_EDGE = 0.8
 """The same of one at the edge of a roof, with a hidden one beside it.  Source: as HIDDEN."""
+TOLERANCE = 0.3
+"""Largest residual of the points of a row about its curve [m].  Source: derived: as wires.TUBE."""
 STEP = 0.5
 """Step along a curve at which the ground below is looked at [m].  Source: numerical."""
 
@@ -62,6 +65,36 @@ def are_roof_rows(curves: Sequence[Curve], sight: GroundGrid) -> Bool:
                 curves[one], curves[other]
             ):
                 result[[one, other]] = True
+    return result
+
+
+def find_roof_rows(points: Float64, lines: Sequence[Int64], sight: GroundGrid) -> Bool:
+    """
+    Tell lines of points that `are_roof_rows`.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    lines : sequence of (K,) int64
+        The points of each of L lines, ascending.
+    sight : GroundGrid
+        Where the ground was seen.
+
+    Returns
+    -------
+    (L,) bool
+
+    """
+    result = np.zeros(len(lines), dtype=bool)
+    curves, which = [], []
+    for number, own in enumerate(lines):
+        try:
+            curves.append(fit_curve(points, own, tolerance=TOLERANCE))
+        except FitError:
+            continue
+        which.append(number)
+    result[which] = are_roof_rows(curves, sight)
     return result
 
 

@@ -11,11 +11,14 @@ wire beside it is a dot that stays in its place from slab to slab; foliage is no
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import itertools
 
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve, span_table
 from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.evidence.roof_rows import find_roof_rows
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns, find_straight
 from plc_inspect.core.hazards.wires import (
@@ -38,74 +41,52 @@ from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, Int64
 
 WIDEST_TUBE = 0.8
-"""
-The same at most, where a curve goes on beyond its points [m].
-Source: judgement; as evidence.conductors.MAX_MISS.
-"""
+"""The same at most, where a curve goes on beyond its points [m].
+Source: judgement; as evidence.conductors.MAX_MISS."""
 APART = 1e5
 """Distance that parts the frames of spans [m].  Source: numerical: far beyond any span."""
 MARGIN = 1.0
-"""
-Distance beyond the reach of the rules from which points are looked at [m].
-Source: derived: more than CLEARING.
-"""
+"""Distance beyond the reach of the rules from which points are looked at [m].
+Source: derived: more than CLEARING."""
 GAP = (2.0, 0.4, 0.4)
 """
 Edges of the cells along, across and above a span; what lies in cells that touch is one thing [m].
 Source: judgement; foliage has a point in each, sparse wires a point a metre.
 """
 ABOUT = 1.0
-"""
-Points about a curve at most, as a share of those on it, where these are of a wire.
-Source: derived: evenly spread, foliage has 6 times as many there, a roof 1.7 times.
-"""
+"""Points about a curve at most, as a share of those on it, where these are of a wire.
+Source: derived: evenly spread, foliage has 6 times as many there, a roof 1.7 times."""
 BODY = 0.5
-"""
-Edge of the cells that touch within what goes on away from a conductor [m].
+"""Edge of the cells that touch within what goes on away from a conductor [m].
 Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py: beyond 0.5 what hangs at a
-pole goes on as the pole, and below 0.5 foliage seen thinly ends.
-"""
+pole goes on as the pole, and below 0.5 foliage seen thinly ends."""
 STRAYS = 0.02
 """Share of the points on either side of a row that are not of it.  Source: judgement."""
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
 PIECE_POINTS = 5
-"""
-Points of a piece of wire at least.
-Source: derived: as columns.LEAST_DROP: two lie on any line, three leaves do once in fifty times.
-"""
+"""Points of a piece of wire at least.  Source: derived: as columns.LEAST_DROP: two lie on any
+line, three leaves do once in fifty times."""
 FEW = 10
 """Fewer points may be of the next span.  Source: judgement; roofs and trees have more."""
 PARALLEL = 0.3
-"""
-Slope against the conductor, across or vertically, of a piece of wire at most.
-Source: judgement; not measured.
-"""
+"""Slope against the conductor, across or vertically, of a piece of wire at most.
+Source: judgement; not measured."""
 JUMPER_ROOM = 8.0
-"""
-Distance along the line from an end within which jumpers and insulators hang [m].
-Source: judgement; on bench/hazards.py one was at 6 m.
-"""
+"""Distance along the line from an end within which jumpers and insulators hang [m].
+Source: judgement; on bench/hazards.py one was at 6 m."""
 JUMPER_REACH = 2.5
-"""
-Distance from a conductor that jumpers and insulators hang within [m].
-Source: judgement; not measured.
-"""
+"""Distance from a conductor that jumpers and insulators hang within [m].
+Source: judgement; not measured."""
 POLE_WIDTH = 1.2
-"""
-Extent in plan, along each axis, of a pole or a piece of one at most [m].
-Source: chosen on bench/hazards.py.
-"""
+"""Extent in plan, along each axis, of a pole or a piece of one at most [m].
+Source: chosen on bench/hazards.py."""
 POLE_REACH = 3.3
-"""
-Distance from a conductor at which its pole stands at most, unless it is thin [m].
-Source: chosen on bench/hazards.py: parts of poles at 2.9 m, a poplar at 3.8.
-"""
+"""Distance from a conductor at which its pole stands at most, unless it is thin [m].
+Source: chosen on bench/hazards.py: parts of poles at 2.9 m, a poplar at 3.8."""
 POLE_ROOM = 5.0
-"""
-Distance along the line from an end of a conductor within which a pole is its support [m].
-Source: judgement; as encroachments.ROOM of a tower.
-"""
+"""Distance along the line from an end of a conductor within which a pole is its support [m].
+Source: judgement; as encroachments.ROOM of a tower."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,6 +96,8 @@ class DoubtfulCurves:
     alone: tuple[Curve, ...] = ()
     crowded: tuple[Curve, ...] = ()
     """Those with other things close about them, which may be conductors themselves."""
+    sight: GroundGrid | None = None
+    """Where the ground was seen; None: wherever lines of points run."""
 
     @property
     def every(self) -> tuple[Curve, ...]:
@@ -192,10 +175,14 @@ def find_line_parts(
             own=own, unmodelled=unmodelled, column=column, num_wires=num_wires, curves=curves
         )
     places, ends = _lay_out(points[near], owner[near], models)
-    dots = tuple(near[wire] for wire in find_wires(places))
+    dots, roof = [near[wire] for wire in find_wires(places)], np.zeros(len(points), dtype=bool)
+    if doubtful.sight is not None:
+        on_roof = find_roof_rows(points, dots, doubtful.sight)
+        roof[np.concatenate([near[:0], *itertools.compress(dots, on_roof)])] = True
+        dots = list(itertools.compress(dots, ~on_roof))
     for wire in dots:
         unmodelled[wire] = True
-    rest = np.flatnonzero(~unmodelled[near])
+    rest = np.flatnonzero(~(unmodelled | roof)[near])
     beside = _measure_beside(points[near[rest]], distance[near[rest]], owner[near[rest]], models)
     debris, pieces = _find_scraps(places[rest], distance[near[rest]], beside, ends)
     drops, lines = find_straight(points[near[rest]], owner[near[rest]], models)
@@ -204,7 +191,7 @@ def find_line_parts(
     unmodelled[near[rest[pieces]]] = True
     return LineParts(
         own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled,
-        num_wires=num_wires + len(dots), curves=curves, wires=dots,
+        num_wires=num_wires + len(dots), curves=curves, wires=tuple(dots),
     )
 
 

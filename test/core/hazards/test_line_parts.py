@@ -6,7 +6,7 @@
 from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
-from toys import make_curve, make_tree, make_wire
+from toys import make_curve, make_sight, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
@@ -25,11 +25,11 @@ def fit_model(end=END, **changes):
     return make_model(START, end, c=CONSTANT, points=points, **changes)
 
 
-def find(points, model=None, doubtful=(), reach=20.0, kind='alone'):
+def find(points, model=None, doubtful=(), reach=20.0, kind='alone', sight=None):
     """Return what points are, those beyond reach as nothing."""
     model = model or fit_model()
     near = find_nearby(points, [model], reach)
-    curves = DoubtfulCurves(**{kind: tuple(doubtful)})
+    curves = DoubtfulCurves(**{kind: tuple(doubtful)}, sight=sight)
     parts = find_line_parts(
         points[near.index], near.distance, near.span, [model], curves, REACH
     )
@@ -257,3 +257,16 @@ def test_a_few_points_of_the_next_span_are_no_hazard(num, own):
     found, _, _ = find(points, model)
     assert found.all() == own
     assert len(raise_hazards(points, model)) == (not own)
+
+
+@pytest.mark.parametrize(('seen', 'unmodelled'), [(False, False), (True, True)])
+def test_rows_of_a_scanner_on_a_roof_are_no_wires(seen, unmodelled):
+    along = np.arange(46.0, 54.0, 0.2)
+    at = fit_model().curve.position(fit_model().at(along))
+    rows = np.vstack([shift(at, y, -2.5) for y in (-1.5, -0.5, 0.5, 1.5)])
+    rows[:, 2] += np.random.default_rng(4).normal(0.0, 0.02, len(rows))
+    ground = np.array([(x, y, 0.0) for x in (-20.0, 120.0) for y in (-20.0, 20.0)])
+    found = find(rows, sight=make_sight(ground, seen=seen))
+    assert found[1].all() == unmodelled
+    assert found[1].any() == unmodelled
+    assert (found[2] > 0) == unmodelled
