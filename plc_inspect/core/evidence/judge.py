@@ -17,6 +17,7 @@ from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.bars import is_bar
 from plc_inspect.core.evidence.edges import find_edges
 from plc_inspect.core.evidence.free_length import FreeLength, measure_free_length, UNKNOWN
+from plc_inspect.core.evidence.groups import find_groups, prove_together
 from plc_inspect.core.evidence.stays import find_fans, find_held, find_stays, LEAST_EVEN
 from plc_inspect.core.evidence.ties import find_tied
 from plc_inspect.core.evidence.validation import (
@@ -32,6 +33,7 @@ from plc_inspect.core.evidence.validation import (
     STAY,
     STRAIGHTEST,
     TIED,
+    UNPROVEN,
 )
 from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.plan_index import PlanIndex
@@ -140,7 +142,8 @@ class Judge:
 
         A thin curve with all evidence but that it is free clutters no other one; and each that is
         free, once those are left out, frees its neighbours.  What is a truss is taken back, and
-        at last short pieces beside a conductor are believed, unless ``beside`` is False.
+        at last short pieces beside a conductor are believed, and groups that are free but for
+        each other, unless ``beside`` is False.
         """
         objections = np.array([verdict.objection for verdict in self.verdicts], dtype=object)
         proven = np.flatnonzero(objections == CROWDED)
@@ -152,9 +155,9 @@ class Judge:
         self._unhold()
         if not beside:
             return
-        near = self._find_beside()
-        while self._sweep(near, beside=True):
-            near = self._find_beside()
+        self._sweep_beside()
+        if self._try_groups():
+            self._sweep_beside()
         self._untie()
         self._unhold()
 
@@ -317,6 +320,35 @@ class Judge:
     def _mark(self, numbers: Int64) -> None:
         for number in numbers.tolist():
             self.wire[self.verdicts[number].profile.chosen] = True
+
+    def _sweep_beside(self) -> None:
+        near = self._find_beside()
+        while self._sweep(near, beside=True):
+            near = self._find_beside()
+
+    def _try_groups(self) -> bool:
+        """Believe groups whose sags are proven together, if free but for each other; tell if."""
+        rest = [
+            number for number, verdict in enumerate(self.verdicts)
+            if verdict.objection in (UNPROVEN, CROWDED) and not is_thick(self.curves[number])
+        ]
+        found, verdicts = False, list(self.verdicts)
+        for group in find_groups(
+            [self.curves[number] for number in rest], self._sight, SIDE, self._settings
+        ):
+            own = members = [rest[number] for number in group.tolist()]
+            while prove_together([self.curves[number] for number in own], self._settings):
+                marked = np.concatenate([self.verdicts[k].profile.chosen for k in own])
+                marked = marked[~self.wire[marked]]
+                self.wire[marked] = True
+                won = self._try(np.array(own), beside=True).tolist()
+                if won == own:
+                    found = True
+                    break
+                self.wire[marked], own = False, won
+                for number in members:
+                    self.verdicts[number] = verdicts[number]
+        return found
 
     def _sweep(self, numbers: Int64, *, beside: bool) -> bool:
         """Judge curves over and over, as long as more of them are found free; tell if any was."""

@@ -59,8 +59,17 @@ def are_roof_rows(curves: Sequence[Curve], sight: GroundGrid) -> Bool:
     seen = [float(sight.tell_seen(curve.position(_step_along(curve))).mean()) for curve in curves]
     result = np.zeros(len(curves), dtype=bool)
     candidates = [number for number, share in enumerate(seen) if share <= AT_EDGE]
+    if not candidates:
+        return result
+    middle = np.vstack([
+        curves[number].position(0.5 * (curves[number].low + curves[number].high))[:, :2]
+        for number in candidates
+    ])
+    half = 0.5 * np.array([curves[number].length for number in candidates])
     for k, one in enumerate(candidates):
-        for other in candidates[:k]:
+        away = np.hypot(*(middle[:k] - middle[k]).T)
+        for near in np.flatnonzero(away <= half[:k] + half[k] + BESIDE).tolist():
+            other = candidates[near]
             if min(seen[one], seen[other]) <= HIDDEN and _lie_side_by_side(
                 curves[one], curves[other]
             ):

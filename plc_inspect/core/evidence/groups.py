@@ -1,0 +1,123 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves side by side, each with too little evidence, that prove together that they hang."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
+from plc_inspect.core.catenary.curve_row import COS, HIGH, LOW, ORIGIN_X, ORIGIN_Y, SIN
+from plc_inspect.core.catenary.duplicates import PARALLEL
+from plc_inspect.core.evidence.validation import prove_sag
+from plc_inspect.core.extraction.ground_grid import GroundGrid
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.results import Float64, Int64
+
+LEAST_TOGETHER = 3
+"""Curves that prove something together, at least.  Source: judgement; two may be any edges."""
+LEAST_LENGTH = 12.0
+"""
+Length of each of them at least [m].
+Source: derived: the metres of evidence that are asked of one curve by itself.
+"""
+LEAST_SEEN = 0.9
+"""
+Share of the metres of a curve over which the ground below was seen, at least.
+Source: measured: those on wires of real clouds have 0.96 and more (bench/hazards.py), rows on
+roofs less than 0.8.
+"""
+OVERLAP = 0.5
+"""Share of the shorter of two curves along which both run.  Source: judgement."""
+STEP = 1.0
+"""Step along a curve at which the ground below is looked at [m].  Source: numerical."""
+
+
+def find_groups(
+    curves: Sequence[Curve], sight: GroundGrid, side: float, settings: CatenarySettings
+) -> list[Int64]:
+    """
+    Group curves that run side by side over seen ground, where their sags are proven together.
+
+    A roof hides the ground below the rows of a scanner.  Sags that agree prove more than each
+    does, as the squares of their significances add up; straight ones count against it.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        C curves with too little evidence of their own.
+    sight : GroundGrid
+        Where the ground was seen.
+    side : float
+        Distance of curves of a group to the next one at most [m].
+    settings : CatenarySettings
+        Of the stage.
+
+    Returns
+    -------
+    list of (G,) int64
+        The numbers of the curves of each group.
+
+    """
+    chosen = [
+        number for number, curve in enumerate(curves)
+        if curve.length >= LEAST_LENGTH and _measure_seen(curve, sight) >= LEAST_SEEN
+    ]
+    if len(chosen) < LEAST_TOGETHER:
+        return []
+    own = [curves[number] for number in chosen]
+    group = unite(_find_pairs(own, side), len(own))
+    members = [np.array(chosen)[group == number] for number in range(int(group.max()) + 1)]
+    return [
+        group for group in members
+        if prove_together([curves[number] for number in group.tolist()], settings)
+    ]
+
+
+def prove_together(curves: Sequence[Curve], settings: CatenarySettings) -> bool:
+    """Tell whether curves are enough, and their sags significant when added up."""
+    if len(curves) < LEAST_TOGETHER:
+        return False
+    proofs = [prove_sag(curve, settings) for curve in curves]
+    return sum(math.copysign(proof**2, proof) for proof in proofs) >= 1.0
+
+
+def _measure_seen(curve: Curve, sight: GroundGrid) -> float:
+    x = np.linspace(curve.low, curve.high, max(2, math.ceil(curve.length / STEP)))
+    return float(sight.tell_seen(curve.position(x)).mean())
+
+
+def _find_pairs(curves: Sequence[Curve], side: float) -> Int64:
+    """Return the (P, 2) pairs of curves that run along each other within a distance [m]."""
+    near, rows = find_near(curves, side), pack_curves(curves)
+    first, second = np.repeat(np.arange(len(curves)), np.diff(near.start)), near.item
+    one, other = rows[first], rows[second]
+    sine = one[:, SIN] * other[:, COS] - one[:, COS] * other[:, SIN]
+    low, high = _project(one, other, LOW), _project(one, other, HIGH)
+    start = np.maximum(np.minimum(low[0], high[0]), one[:, LOW])
+    end = np.minimum(np.maximum(low[0], high[0]), one[:, HIGH])
+    shorter = np.minimum(one[:, HIGH] - one[:, LOW], other[:, HIGH] - other[:, LOW])
+    along = (np.abs(sine) <= PARALLEL) & (end - start >= OVERLAP * shorter)
+    along &= np.minimum(np.abs(low[1]), np.abs(high[1])) <= side
+    pairs = np.column_stack([first, second])[along]
+    kept = [
+        _measure_above(curves[one], curves[other]) <= side for one, other in pairs.tolist()
+    ]
+    return pairs[np.array(kept, dtype=bool)]
+
+
+def _project(one: Float64, other: Float64, end: int) -> tuple[Float64, Float64]:
+    """Return where ends of other curves lie along and across curves (P,) [m]."""
+    x = other[:, ORIGIN_X] + other[:, COS] * other[:, end] - one[:, ORIGIN_X]
+    y = other[:, ORIGIN_Y] + other[:, SIN] * other[:, end] - one[:, ORIGIN_Y]
+    return x * one[:, COS] + y * one[:, SIN], y * one[:, COS] - x * one[:, SIN]
+
+
+def _measure_above(one: Curve, other: Curve) -> float:
+    """Return the height of one curve above another where the middle of the latter is [m]."""
+    middle = other.position(0.5 * (other.low + other.high))
+    x, _ = one.local(middle)
+    return abs(float(middle[0, 2] - one.fit.height(x)[0]))

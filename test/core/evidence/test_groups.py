@@ -1,0 +1,79 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves side by side prove together what each does not prove by itself."""
+
+import numpy as np
+import pytest
+from toys import make_curve, make_index, make_sight, make_wire
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.evidence.groups import find_groups, prove_together
+from plc_inspect.core.evidence.judge import Judge
+from plc_inspect.core.evidence.validation import prove_sag
+
+SETTINGS = CatenarySettings()
+EVERYWHERE = np.array([[-10.0, -30.0, 0.0], [60.0, 30.0, 0.0]])
+SEEN = make_sight(EVERYWHERE)
+SIDE = 3.0
+
+
+def make_wires(num=5, apart=1.0, c=900.0, length=34.0, rise=0.0, turn=0.0):
+    """Curves side by side, or one above the other, seen with few points and much noise."""
+    return [
+        make_curve(make_wire(
+            (0.0, apart * k, 20.0 + rise * k),
+            (length, apart * k + length * np.tan(turn * k), 20.0 + rise * k),
+            c, noise=0.08, per_metre=2.0, seed=k,
+        )) for k in range(num)
+    ]
+
+
+def test_sags_that_agree_add_up():
+    curves = make_wires()
+    proofs = [prove_sag(curve, SETTINGS) for curve in curves]
+    assert max(proofs) < 1.0
+    assert prove_together(curves, SETTINGS)
+    (group,) = find_groups(curves, SEEN, SIDE, SETTINGS)
+    assert sorted(group.tolist()) == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(('changes', 'num'), [
+    ({'num': 2}, 0),
+    ({'c': 1e5}, 0),  # straight ones
+    ({'length': 11.0}, 0),
+    ({'apart': 4.0}, 0),
+    ({'apart': 0.5, 'rise': 4.0}, 0),
+    ({'turn': 0.15}, 0),
+    ({'apart': 0.0, 'rise': 2.0}, 1),
+])
+def test_what_is_a_group(changes, num):
+    assert len(find_groups(make_wires(**changes), SEEN, SIDE, SETTINGS)) == num
+
+
+def test_rows_over_hidden_ground_are_no_group():
+    curves = make_wires()
+    assert not find_groups(curves, make_sight(EVERYWHERE, seen=False), SIDE, SETTINGS)
+    assert find_groups([], SEEN, SIDE, SETTINGS) == []
+
+
+def test_groups_far_apart_are_two():
+    far = [make_curve(make_wire((0.0, y, 20.0), (34.0, y, 20.0), 900.0, noise=0.08,
+                                per_metre=2.0, seed=int(y) + 40))
+           for y in (-20.0, -19.0, -18.0, -17.0, -16.0)]
+    groups = find_groups([*make_wires(), *far], SEEN, SIDE, SETTINGS)
+    assert sorted(sorted(group.tolist()) for group in groups) == [
+        [0, 1, 2, 3, 4], [5, 6, 7, 8, 9]
+    ]
+
+
+@pytest.mark.parametrize(('seen', 'num'), [(True, 6), (False, 0)])
+def test_wires_that_are_free_but_for_each_other_are_believed(seen, num):
+    wires = [make_wire((0.0, y, 20.0), (34.0, y, 20.0), 900.0, noise=0.06, per_metre=2.5, seed=k)
+             for k, y in enumerate(np.arange(6) * 0.45)]
+    points = np.vstack(wires)
+    numbers = np.split(np.arange(len(points)), np.cumsum([len(wire) for wire in wires])[:-1])
+    curves = [make_curve(points, own, tolerance=0.2) for own in numbers]
+    judge = Judge(points, make_index(points), make_sight(EVERYWHERE, seen=seen), curves, SETTINGS)
+    judge.decide()
+    assert len(judge.believed) == num
