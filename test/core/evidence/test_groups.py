@@ -18,13 +18,13 @@ SEEN = make_sight(EVERYWHERE)
 SIDE = 3.0
 
 
-def make_wires(num=5, apart=1.0, c=900.0, length=34.0, rise=0.0, turn=0.0):
+def make_wires(num=5, apart=1.0, c=900.0, length=34.0, rise=0.0, turn=0.0, noise=0.08):
     """Curves side by side, or one above the other, seen with few points and much noise."""
     return [
         make_curve(make_wire(
             (0.0, apart * k, 20.0 + rise * k),
             (length, apart * k + length * np.tan(turn * k), 20.0 + rise * k),
-            c, noise=0.08, per_metre=2.0, seed=k,
+            c, noise=noise, per_metre=2.0, seed=k,
         )) for k in range(num)
     ]
 
@@ -39,9 +39,11 @@ def test_sags_that_agree_add_up():
 
 
 @pytest.mark.parametrize(('changes', 'num'), [
-    ({'num': 2}, 0),
+    ({'num': 2, 'noise': 0.05}, 0),
+    ({'num': 3, 'noise': 0.05}, 1),
     ({'c': 1e5}, 0),  # straight ones
-    ({'length': 11.0}, 0),
+    ({'num': 30, 'apart': 0.3, 'c': 150.0, 'length': 11.0}, 0),
+    ({'num': 30, 'apart': 0.3, 'c': 150.0, 'length': 13.0}, 1),
     ({'apart': 4.0}, 0),
     ({'apart': 0.5, 'rise': 4.0}, 0),
     ({'turn': 0.15}, 0),
