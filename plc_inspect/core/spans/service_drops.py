@@ -145,19 +145,19 @@ def add_taps(
         return spans
     spans = copy_labels(spans)
     seeds = [
-        (build_plan_index(own.position, np.arange(len(own.position)), REACH / 2), own)
-        for own in find_seeds() if len(own.position)
+        (build_plan_index(found.position, np.arange(len(found.position)), REACH / 2), found)
+        for found in find_seeds() if len(found.position)
     ]
     models, grounds = list(spans.models), list(spans.ground_below)
     supports = []
     line_id = max(model.span.line_id for model in models) + 1
     span_id = max(model.span.span_id for model in models) + 1
-    for number, support in enumerate(spans.supports):
+    for support, own, is_possible in zip(spans.supports, ends, may_have, strict=True):
         lines = []
-        if not may_have[number]:
+        if not is_possible:
             supports.append(support)
             continue
-        for azimuth, slope, middle in _list_ways(support, ends[number][:, 1], seeds):
+        for azimuth, slope, middle in _list_ways(support, own[:, 1], seeds):
             curves = _find_curves(cloud, spans.line_id >= 0, support, azimuth, slope, middle,
                                   settings)
             for curve, low in curves:
