@@ -47,7 +47,7 @@ Source: measured: bench/studies/sharpness.py: no right line was found from 4 on;
 quaternions written in another order gave 3.2, and 128 lines that are none.
 """
 UNKNOWN = 'sharpness unknown: too few planes and lines were seen twice'
-UNPROVEN = f'{UNKNOWN}; hazards are as right as mount, frames and time: check them'
+ON_TRUST = f'{UNKNOWN}; hazards are as right as mount, frames and time: check them'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -131,13 +131,13 @@ def replay(
 
 def describe_losses(inspection: 'Inspection') -> str:
     """Return a text about the input missing in the map, or not proven, '' if nothing is."""
-    from plc_inspect.core.setup.sharpness import UNPROVEN
+    from plc_inspect.core.setup.sharpness import ON_TRUST
 
     counts = inspection.counts
     parts = [counts['mount_doubt']] if counts.get('mount_doubt') else []
     parts += [part['text'] for part in counts.get('parts', [])]
     if inspection.result.hazards and not counts['sharpness']['known']:
-        parts.append(UNPROVEN)
+        parts.append(ON_TRUST)
     for title, key in (
         ('scans dropped', 'scans_dropped'),
         ('poses rejected', 'poses_rejected'),

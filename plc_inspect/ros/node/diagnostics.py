@@ -16,7 +16,7 @@ import numpy as np
 
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
-from plc_inspect.core.setup.sharpness import UNPROVEN
+from plc_inspect.core.setup.sharpness import ON_TRUST
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
@@ -239,7 +239,7 @@ def describe_map(
     elif refused:
         level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
     elif state is not None and state.hazards and not state.sharpness.known:
-        level, text = DiagnosticStatus.WARN, UNPROVEN
+        level, text = DiagnosticStatus.WARN, ON_TRUST
     values: dict[str, object] = {
         'voxels': len(voxels),
         'voxels at most': voxels.max_voxels,

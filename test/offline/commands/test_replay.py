@@ -15,7 +15,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from plc_inspect.core.setup.sharpness import UNPROVEN
+from plc_inspect.core.setup.sharpness import ON_TRUST
 from plc_inspect.offline.commands.replay import describe_losses, main
 from plc_inspect.offline.export.results_folder import FILES
 
@@ -243,4 +243,4 @@ def test_hazards_of_a_map_of_unknown_sharpness_are_told_as_such(known, num_hazar
     found = describe_losses(types.SimpleNamespace(
         counts=counts, result=types.SimpleNamespace(hazards=[None] * num_hazards),
     ))
-    assert found == (UNPROVEN if told else '')
+    assert found == (ON_TRUST if told else '')

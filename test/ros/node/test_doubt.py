@@ -9,7 +9,7 @@ import pytest
 
 from plc_inspect.config import MapSettings
 from plc_inspect.core.live.session import Session
-from plc_inspect.core.setup.sharpness import Sharpness, UNPROVEN
+from plc_inspect.core.setup.sharpness import ON_TRUST, Sharpness
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.ros.node.diagnostics import describe_map
 from plc_inspect.ros.node.doubt import KnownStates, TRUSTED_NS
@@ -73,7 +73,7 @@ def test_what_was_before_time_went_back_is_forgotten():
 
 
 @pytest.mark.parametrize(('num_hazards', 'sharpness', 'level', 'text'), [
-    (1, Sharpness(), DiagnosticStatus.WARN, UNPROVEN),
+    (1, Sharpness(), DiagnosticStatus.WARN, ON_TRUST),
     (0, Sharpness(), DiagnosticStatus.OK, '0% of the map in use'),
     (1, Sharpness(num_cells=40), DiagnosticStatus.OK, '0% of the map in use'),
 ])
