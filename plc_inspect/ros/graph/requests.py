@@ -16,10 +16,8 @@ from std_srvs.srv import Trigger
 from plc_inspect.ros.graph.qos import REQUESTS
 
 PACE = 0.02
-"""Time between two handfuls of answers [s]."""
-HANDFUL = 5
 """
-Answers sent at once: a client that keeps ten, as by default, would lose those beyond.
+Time between two answers [s]: a client that keeps ten, as by default, may stand still for 0.2 s.
 """
 
 
@@ -87,9 +85,9 @@ class Requests:
     def _send(self) -> None:
         if not self._answers:
             self._timer.cancel()
-        for _ in range(min(HANDFUL, len(self._answers))):
-            future, result = self._answers.popleft()
-            future.set_result(result)
+            return
+        future, result = self._answers.popleft()
+        future.set_result(result)
 
 
 def refuse(reason: str, *services: Requests) -> None:

@@ -18,6 +18,7 @@ from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
 from plc_inspect.offline.records.flight import MAP_FULL
+from plc_inspect.ros.graph.qos import REQUESTS
 from plc_inspect.ros.node import doubt, inspect_node, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.ros.node.intake import Intake
@@ -118,7 +119,8 @@ def test_writer_that_fails_leaves_the_tables(rig, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize('service', ['segment', 'save'])
 def test_two_hundred_calls_are_answered(rig, service):
-    client = rig.client.create_client(Trigger, f'/plc_inspect/{service}')
+    # One that keeps ten, as by default, loses answers where its thread stands for 0.2 s.
+    client = rig.client.create_client(Trigger, f'/plc_inspect/{service}', qos_profile=REQUESTS)
     assert client.wait_for_service(10.0)
     futures = [client.call_async(Trigger.Request()) for _ in range(200)]
     wait_for(lambda: all(future.done() for future in futures), '200 answers')
