@@ -4,6 +4,7 @@
 """The stages that decide what is a line, in the paper's order."""
 
 from dataclasses import dataclass, replace
+import functools
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from plc_inspect.core.extraction.linearity import (
     find_candidates,
     LinearityResult,
     measure_scales,
+    STEEPEST_DEG,
 )
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
@@ -32,7 +34,7 @@ from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
 from plc_inspect.core.spans.route import EAST, trace_routes
-from plc_inspect.core.spans.service_drops import add_taps, FindSeeds, STEEPEST_DEG
+from plc_inspect.core.spans.service_drops import add_taps, FindSeeds
 from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans, tell_evidence
 from plc_inspect.core.spans.standing_poles import find_poles
 from plc_inspect.core.stage_log import StageLog, StageMemory
@@ -67,6 +69,8 @@ class FoundLines:
     outliers: OutlierResult
     inliers: LinearityResult
     """Candidates that are no outliers."""
+    searches: Searches
+    """Further searches, beyond those for the candidates."""
     alignment: AlignmentResult
     clustering: ClusteringResult
     sight: GroundGrid
@@ -168,6 +172,13 @@ def _find_once(
         report_outliers,
     )
     inliers = candidates.select(outliers.keep)
+    steep = replace(linearity, max_inclination_deg=STEEPEST_DEG)
+    searches = Searches(
+        cloud=cloud, inliers=inliers, settings=settings,
+        find_steep=functools.cache(lambda: find_candidates(
+            cloud.points, cloud.high, origin, steep, scales, linearity.max_inclination_deg,
+        )),
+    )
 
     # Regularization, R_z: windows of the cloud in which lines run straight in one direction.
     alignment = log.run(
@@ -189,8 +200,7 @@ def _find_once(
     conductors = log.run(
         None,
         lambda: model_conductors(
-            cloud.points, cloud.index, clustering, sight, settings.catenary, rng,
-            Searches(cloud=cloud, inliers=inliers, settings=settings),
+            cloud.points, cloud.index, clustering, sight, settings.catenary, rng, searches,
         ),
         lambda result: report_catenary(result, clustering),
     )
@@ -200,12 +210,7 @@ def _find_once(
         None,
         lambda: _hang(
             *_revise(points, height, cloud, conductors, settings, whole),
-            lambda: (inliers, find_candidates(
-                cloud.points, cloud.high, origin,
-                replace(linearity, max_inclination_deg=STEEPEST_DEG), scales,
-                linearity.max_inclination_deg,
-            )),
-            settings, rng, east,
+            lambda: (inliers, searches.find_steep()), settings, rng, east,
         ),
         lambda result: report_supports(result.layout, result.spans, len(result.borne)),
     )
@@ -215,6 +220,7 @@ def _find_once(
         candidates=candidates,
         outliers=outliers,
         inliers=inliers,
+        searches=searches,
         alignment=alignment,
         clustering=clustering,
         sight=sight,

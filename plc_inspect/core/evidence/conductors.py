@@ -150,9 +150,9 @@ def judge_curves(
 
     A thick curve that is no conductor may lie over several: then its parts are tried, and those
     that are conductors take its place.  Where nothing but too little evidence speaks against a
-    curve, it is searched again in shorter windows; at last come conductors beside those that are
-    known.  Of what is known both take back only what proves to be built, as stays of a crane whose
-    jib is found then.  The arguments are those of `model_conductors`.
+    curve, it is searched again in shorter windows; then come steep conductors, and at last those
+    beside others that are known.  Of what is known these take back only what proves to be built,
+    as stays of a crane whose jib is found then.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     judge = Judge(points, index, sight, curves, settings)
@@ -176,6 +176,8 @@ def judge_curves(
     if unsure:
         found, _ = find_curves(points, index, searches.look_again(unsure), settings, rng)
         judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
+    found, _ = find_curves(points, index, searches.look_steeply(judge.believed), settings, rng)
+    judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
     if believed := judge.believed:
         tracks = searches.look_beside(believed, judge.rejected)
         found, _ = find_curves(points, index, tracks, settings, rng)

@@ -3,7 +3,7 @@
 
 """Further searches for conductors, where the first one leaves something to find."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from plc_inspect.core.extraction.alignment import align
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.results import Bool
 
 SHORTER = 0.8
 """
@@ -40,6 +41,8 @@ class Searches:
     """Places where points lie along a line."""
     settings: Settings
     """Of all stages."""
+    find_steep: Callable[[], LinearityResult]
+    """Finds the places where they lie along one that is steeper than those."""
 
     def look_again(self, curves: Sequence[Curve]) -> ClusteringResult:
         """
@@ -58,21 +61,54 @@ class Searches:
         ClusteringResult
 
         """
-        position, settings = self.inliers.position, self.settings.alignment
-        places = build_plan_index(position, np.arange(len(position)), settings.half_length)
-        owner, _ = find_nearest(
-            position, *places.grid, pack_curves(curves), len(curves), ROOM,
-            2.0 * settings.half_length,
-        )
-        near = self.inliers.select(owner >= 0)
-        windows = replace(align(near, settings), half_length=SHORTER * settings.half_length)
-        return cluster(
-            self.cloud.points, self.cloud.index_high(), near.position, windows,
-            self.settings.clustering,
-        )
+        half_length = self.settings.alignment.half_length
+        near = self.inliers.select(self._find_about(self.inliers, curves, 2.0 * half_length))
+        return self._cluster(near, SHORTER * half_length)
+
+    def look_steeply(self, curves: Sequence[Curve]) -> ClusteringResult:
+        """
+        Cluster the places where points lie along something steep.
+
+        On a slope a span may be as steep as the branches and gables that the first search leaves
+        out.
+
+        Parameters
+        ----------
+        curves : sequence of Curve
+            Conductors that are known; what lies along them is not looked for.
+
+        Returns
+        -------
+        ClusteringResult
+
+        """
+        steep = self.find_steep()
+        rest = steep.select(~self._find_about(steep, curves, 0.0))
+        return self._cluster(rest, self.settings.alignment.half_length)
 
     def look_beside(
         self, curves: Sequence[Curve], others: Sequence[Curve]
     ) -> ClusteringResult:
         """Cluster the points about conductors, without those of others: `search_beside`."""
         return search_beside(self.cloud, curves, others, self.settings)
+
+    def _find_about(
+        self, places: LinearityResult, curves: Sequence[Curve], past: float
+    ) -> Bool:
+        """Tell which places are within ROOM of curves, and no farther past their ends [m]."""
+        position, cell = places.position, self.settings.alignment.half_length
+        if not curves or not len(position):
+            return np.zeros(len(position), dtype=np.bool_)
+        index = build_plan_index(position, np.arange(len(position)), cell)
+        owner, _ = find_nearest(
+            position, *index.grid, pack_curves(curves), len(curves), ROOM, past
+        )
+        result: Bool = owner >= 0
+        return result
+
+    def _cluster(self, places: LinearityResult, half_length: float) -> ClusteringResult:
+        windows = align(places, self.settings.alignment)
+        return cluster(
+            self.cloud.points, self.cloud.index_high(), places.position,
+            replace(windows, half_length=half_length), self.settings.clustering,
+        )

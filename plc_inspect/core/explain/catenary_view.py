@@ -12,7 +12,6 @@ from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.evidence.conductors import judge_curves
-from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import HELD, list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
@@ -77,8 +76,7 @@ class Curves:
         lines, limits = trace.lines, settings.catenary
         found, judge = judge_curves(
             lines.cloud.points, lines.cloud.index, lines.clustering, lines.sight, limits,
-            make_draws(settings),
-            Searches(cloud=lines.cloud, inliers=lines.inliers, settings=settings),
+            make_draws(settings), lines.searches,
         )
         borne = {_key(curve) for curve in trace.lines.borne}
         believed = {_key(curve) for curve in trace.lines.conductors.curves} - borne

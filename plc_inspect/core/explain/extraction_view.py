@@ -22,7 +22,12 @@ from plc_inspect.core.explain.proposals import (
     SLACK,
 )
 from plc_inspect.core.extraction.alignment import NUM_BINS
-from plc_inspect.core.extraction.linearity import anchor, find_candidates, measure_likeness
+from plc_inspect.core.extraction.linearity import (
+    anchor,
+    find_candidates,
+    measure_likeness,
+    STEEPEST_DEG,
+)
 from plc_inspect.core.extraction.occupancy import BULK_CELL, drop_bulk
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.labels import GROUND_BAND
@@ -155,6 +160,9 @@ class Place:
                 Check(name=f'{name}: planar likeness', value=item.planar),
                 Check(name=f'{name}: spherical likeness', value=item.spherical),
             ]
+            failed = [name for _, name in _fails(item, limits)]
+            if failed == ['max_inclination_deg'] and item.inclination_deg <= STEEPEST_DEG:
+                notes.append(f'{name}: searched as steep, after all that is nearly level')
             if not item.is_here:
                 notes.append(f'{name}: its centre lies in another cell of a metre')
             elif not item.is_candidate and not _fails(item, limits):

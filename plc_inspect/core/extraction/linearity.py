@@ -29,6 +29,11 @@ SAME_WAY = 0.97
 Least cosine between directions that count as the same: 14 degrees.
 Source: judgement; not measured.
 """
+STEEPEST_DEG = 40.0
+"""
+Steepest inclination of what is looked for after all that is nearly level, and of a tap [deg].
+Source: derived: a drop of 6 m to a house 7 m away; stays stand at 45 degrees and more.
+"""
 NUM_BINS = 20
 """
 Bins of the histogram of linear likeness.

@@ -21,7 +21,7 @@ from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, 
 from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import add_up, is_scan_line
-from plc_inspect.core.extraction.linearity import LinearityResult
+from plc_inspect.core.extraction.linearity import LinearityResult, STEEPEST_DEG
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
 from plc_inspect.core.spans.span_fit import CutCurve
@@ -82,11 +82,6 @@ Source: judgement; holds down to 0.28, not up to 1.4 of it, on bench/constants.p
 ABOVE = 1.5
 """And at most this far above its top [m].
 Source: judgement; holds from 0.75 to 3 on bench/constants.py."""
-STEEPEST_DEG = 40.0
-"""
-Steepest inclination of a tap half way, and of what points along it [deg].
-Source: derived: a drop of 6 m to a house 7 m away; stays stand at 45 degrees and more.
-"""
 STEP = 0.5
 """Steps in which a tap is followed back to its support [m].
 Source: judgement; holds from 0.25 to 1 on bench/constants.py."""

@@ -3,6 +3,8 @@
 
 """Conductors that a second search finds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,7 +55,7 @@ def test_only_places_about_the_curves_are_searched(distance):
     rng = np.random.default_rng(5)
     points = make_fan(rng, 0.3, 1, 60.0, 30.0)
     lines = Pipeline(Settings()).trace(points).lines
-    searches = Searches(cloud=lines.cloud, inliers=lines.inliers, settings=Settings())
+    searches = lines.searches
     curve = lines.conductors.curves[0]
     moved = lines.cloud.points + np.array([0.0, 0.0, distance])
     tracks = searches.look_again([fit_curve(moved, curve.points, tolerance=curve.tolerance)])
@@ -64,5 +66,39 @@ def test_the_shortest_windows_that_can_be_set_are_shortened_as_others_are():
     settings = Settings(alignment=AlignmentSettings(half_length=1.0))
     points = make_fan(np.random.default_rng(5), 0.3, 1, 60.0, 30.0)
     lines = Pipeline(Settings()).trace(points).lines
-    searches = Searches(cloud=lines.cloud, inliers=lines.inliers, settings=settings)
+    searches = replace(lines.searches, settings=settings)
     assert searches.look_again(lines.conductors.curves).num_tracks > 0
+
+
+def make_slope(rng, slope_deg, sag, num_wires=3, length=120.0):
+    """Return a slope, and wires along it between points 12 m above it."""
+    rise = np.tan(np.radians(slope_deg))
+    plan = rng.uniform((-20.0, -20.0), (length + 20.0, 20.0), (GROUND, 2))
+    parts = [np.column_stack((plan, rise * plan[:, 0]))]
+    for k in range(num_wires):
+        x = rng.uniform(0.0, length, int(4 * length))
+        depth = 4.0 * sag * x * (length - x) / length**2
+        parts.append(np.column_stack((x, np.full(len(x), 1.5 * k), 12.0 + rise * x - depth)))
+    points = np.concatenate(parts)
+    return points + rng.normal(0.0, 0.02, points.shape)
+
+
+@pytest.mark.parametrize('slope_deg', [15.0, 22.0, 28.0, 34.0])
+def test_conductors_of_a_steep_span_are_found(slope_deg):
+    points = make_slope(np.random.default_rng(7), slope_deg, sag=2.5)
+    result = Pipeline(Settings()).run(points)
+    assert len(result.spans) == 3
+    assert (result.line_id[GROUND:] >= 0).mean() > 0.98
+
+
+@pytest.mark.parametrize('slope_deg', [22.0, 28.0, 34.0])
+@pytest.mark.parametrize('num_wires', [1, 3])
+def test_what_is_steep_and_straight_is_no_conductor(slope_deg, num_wires):
+    points = make_slope(np.random.default_rng(7), slope_deg, sag=0.0, num_wires=num_wires)
+    assert not Pipeline(Settings()).run(points).spans
+
+
+def test_what_lies_along_known_conductors_is_not_searched_again():
+    lines = Pipeline(Settings()).trace(make_slope(np.random.default_rng(7), 28.0, 2.5)).lines
+    assert lines.searches.look_steeply([]).num_tracks >= 3
+    assert not lines.searches.look_steeply(lines.conductors.curves).num_tracks
