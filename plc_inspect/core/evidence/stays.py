@@ -6,7 +6,7 @@ Things that look like conductors and are built of others: stays, main cables, pi
 
 Stays are straight thin bars above a beam that they hold, as on tower cranes and stayed bridges, or
 fan out from a mast.  The main cables of suspension bridges have hangers below them, and pipes rest
-on brackets: they touch something at regular short intervals.
+on brackets, or between beams of a rack: they touch something at regular short intervals.
 """
 
 from collections.abc import Sequence
@@ -70,6 +70,8 @@ LONGEST_CONTACT = 3
 Cells that one contact takes, at most.
 Source: derived: a cross-beam of half a metre, wherever it lies in them; crowns are longer.
 """
+BELOW, LEFT, RIGHT = 0, 1, 2
+"""Sides of a curve, of which something may hold it.  Source: numerical."""
 NUM_LAYERS, LAYER, SOLID_SHARE = 5, 0.1, 0.5
 """
 Contacts are looked for in the first of so many layers, each so much deeper [m], that holds points
@@ -197,7 +199,7 @@ def find_held(
     least: Sequence[int],
 ) -> Bool:
     """
-    Tell which curves touch something below them at regular short intervals.
+    Tell which curves touch something below or beside them at regular short intervals.
 
     Parameters
     ----------
@@ -220,12 +222,15 @@ def find_held(
         Curves with contacts at even intervals.
 
     """
-    contacts = call_each(
-        lambda k: _list_contacts(points, index.grid, curves[k].row, wire), len(curves)
-    )
-    return np.array([
-        is_regular(np.diff(x), longest, num) for x, num in zip(contacts, least, strict=True)
-    ], dtype=bool)
+    def is_held(number: int) -> bool:
+        return any(
+            is_regular(
+                np.diff(_list_contacts(points, index.grid, curves[number].row, wire, side)),
+                longest, least[number],
+            ) for side in (BELOW, LEFT, RIGHT)
+        )
+
+    return np.array(call_each(is_held, len(curves)), dtype=bool)
 
 
 def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bool:
@@ -264,28 +269,28 @@ def _parts(row, other):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
-    """List x along a row's curve where something thin touches it from below [m]."""
+def _list_contacts(points, grid, row, wire, side):  # type: ignore[no-untyped-def]
+    """List x along a row's curve where something thin touches it from one side [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, THIN_ROOM,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high,
+        THIN_ROOM if side == BELOW else row[TOLERANCE] + NUM_LAYERS * LAYER + CONTACT_DEPTH,
     )
     num = int((high - low) / CONTACT_CELL) + 1
     touched, opened = np.zeros(num, dtype=np.bool_), open_row(row)
     for layer in range(NUM_LAYERS):
-        # below what is solid: a pipe is touched nowhere else
+        # beyond what is solid: a pipe is touched nowhere else
         top = row[TOLERANCE] + layer * LAYER
         touched[:] = False
         for i in near:
             if wire[i]:
                 continue
-            x, y = see_beside(opened, points[i, 0], points[i, 1])
-            rise, _ = see_above(opened, x, points[i, 2])
-            below = -rise - top
-            if low <= x <= high and abs(y) < CONTACT_ROOM and 0.0 < below < CONTACT_DEPTH:
+            x, across, away = _see_from(opened, points[i], side)
+            away -= top
+            if low <= x <= high and abs(across) < CONTACT_ROOM and 0.0 < away < CONTACT_DEPTH:
                 touched[int((x - low) / CONTACT_CELL)] = True
         if touched.mean() <= SOLID_SHARE:
             break
@@ -301,26 +306,36 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
                 found[count] = low + 0.5 * (first + place) * CONTACT_CELL
                 count += 1
             first = -1
-    return _keep_thin(points, row, near, wire, top, found[:count])
+    return _keep_thin(points, row, near, wire, (top, side), found[:count])
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _keep_thin(points, row, near, wire, top, found):  # type: ignore[no-untyped-def]
-    """
-    Return the contacts whose points, and those below them, lie close together along a row.
+def _see_from(opened, point, side):  # type: ignore[no-untyped-def]
+    """Return where a point is along a row's curve, across a side of it, and away that way [m]."""
+    x, y = see_beside(opened, point[0], point[1])
+    rise, _ = see_above(opened, x, point[2])
+    if side == BELOW:
+        return x, y, -rise
+    return x, rise, y if side == LEFT else -y
 
-    They are looked for from ``top`` below the curve on [m].
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _keep_thin(points, row, near, wire, beyond, found):  # type: ignore[no-untyped-def]
     """
+    Return the contacts whose points, and those beyond them, lie close together along a row.
+
+    ``beyond`` is how far from the curve, and to which side, they are looked for.
+    """
+    top, side = beyond
     sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
     opened = open_row(row)
     for i in near:
         if wire[i]:
             continue
-        x, y = see_beside(opened, points[i, 0], points[i, 1])
-        rise, _ = see_above(opened, x, points[i, 2])
-        below = -rise - top
-        if abs(y) >= THIN_ROOM or not 0.0 < below < THIN_DEPTH:
+        x, across, away = _see_from(opened, points[i], side)
+        away -= top
+        if abs(across) >= THIN_ROOM or not 0.0 < away < THIN_DEPTH:
             continue
         after = np.searchsorted(found, x)
         for k in range(max(after - 1, 0), min(after + 1, len(found))):
@@ -329,9 +344,9 @@ def _keep_thin(points, row, near, wire, top, found):  # type: ignore[no-untyped-
                 sums[k, 0] += 1.0
                 sums[k, 1] += d
                 sums[k, 2] += d * d
-                touching[k] += abs(y) < CONTACT_ROOM and below < CONTACT_DEPTH
-                least[k, 0], most[k, 0] = min(least[k, 0], below), max(most[k, 0], below)
-                least[k, 1], most[k, 1] = min(least[k, 1], y), max(most[k, 1], y)
+                touching[k] += abs(across) < CONTACT_ROOM and away < CONTACT_DEPTH
+                least[k, 0], most[k, 0] = min(least[k, 0], away), max(most[k, 0], away)
+                least[k, 1], most[k, 1] = min(least[k, 1], across), max(most[k, 1], across)
     kept = np.zeros(len(found), dtype=np.bool_)
     for k in range(len(found)):
         num = max(sums[k, 0], 1.0)

@@ -145,6 +145,35 @@ def test_posts_are_told_from_the_pipe_that_they_bear(spacing, held):
     assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [held]
 
 
+@pytest.mark.parametrize(('side', 'spacing', 'held'), [
+    (1.0, 6.5, True), (-1.0, 6.5, True), (1.0, 11.0, False),
+])
+def test_beams_beside_a_pipe_hold_it_as_brackets_below_do(side, spacing, held):
+    rng = np.random.default_rng(8)
+    pipe = rng.normal((0.0, 0.0, 5.0), (0.0, 0.1, 0.1), (1500, 3))
+    pipe[:, 0] = rng.uniform(0.0, 40.0, 1500)
+    beams = [
+        np.column_stack([rng.uniform(x - 0.1, x + 0.1, 80), side * rng.uniform(0.2, 1.6, 80),
+                         rng.uniform(4.9, 5.1, 80)])
+        for x in np.arange(2.0, 40.0, spacing)
+    ]
+    points = np.vstack([pipe, *beams])
+    wire = np.arange(len(points)) < len(pipe)
+    curve = make_curve(points, np.flatnonzero(wire))
+    assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [held]
+
+
+def test_wires_beside_that_are_seen_in_scan_lines_hold_nothing():
+    points, wire = touch(())
+    cable = points[wire]
+    seen = cable[np.abs(cable[:, 0] / 3.0 % 1.0 - 0.5) < 0.02]
+    points = np.vstack([points, seen + np.array((0.0, 0.6, 0.0)),
+                        seen + np.array((0.0, 1.0, 0.0))])
+    curve = make_curve(points, np.arange(len(cable)))
+    wire = np.arange(len(points)) < len(cable)
+    assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [False]
+
+
 def test_another_line_below_that_is_seen_in_scan_lines_holds_nothing():
     points, wire = touch(())
     cable = points[wire]
