@@ -238,10 +238,12 @@ def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bo
     if len(interval) < least:
         return False
     middle = float(np.median(interval))
-    even = int((np.abs(interval - middle) <= REGULAR * middle).sum())
-    # the more are even the more may be odd, where one was not seen or something else touches
+    bays = np.round(interval / middle)
+    regular = np.abs(interval - bays * middle) <= REGULAR * middle
+    even, odd = int((regular & (bays == 1)).sum()), int((~regular).sum())
+    # where one was not seen two bays are one; the more are even the more else may touch
     short = SHORTEST_BAY <= middle <= longest
-    return short and even >= least and 2 * (len(interval) - even) <= even - 2
+    return short and even >= least and 2 * odd <= even - 2
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

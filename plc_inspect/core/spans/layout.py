@@ -23,6 +23,7 @@ from plc_inspect.core.spans.standing_poles import (
 )
 from plc_inspect.core.spans.stations import (
     cut_at_stations,
+    find_ceiling,
     group_joints,
     HEIGHT_ROOM,
     PARALLEL,
@@ -110,7 +111,7 @@ def find_layout(
     if len(kept) < len(curves):  # lost the place that they were adopted for to better ones
         curves = kept
         joints, stations = meet()
-    cut = cut_at_stations(points, curves, stations, settings)
+    cut = cut_at_stations(points, curves, stations, settings, poles)
     if [id(curve) for curve in cut] != [id(curve) for curve in curves]:
         curves = cut
         joints, stations = meet()
@@ -241,7 +242,8 @@ def _station_ahead(
         if abs(y) > settings.width / 2 or not -back < ahead < reach:
             continue
         height, z = station.attachments[:, 2], float(curve.fit.height(x))
-        if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
+        top = min(height.max() + HEIGHT_ROOM, find_ceiling(station, poles))
+        if not height.min() - HEIGHT_ROOM < z < top:
             continue
         if best is None or abs(ahead) < best[0]:
             best = (abs(ahead), number, x)

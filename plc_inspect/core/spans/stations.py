@@ -14,6 +14,7 @@ from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.cutting import cut_curve, measure_bend
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.spans.joints import Joint, MIN_RISE, TURN_SIGMAS
+from plc_inspect.core.spans.standing_poles import ARM, StandingPole
 from plc_inspect.results import Float64
 
 PARALLEL = math.radians(15.0)
@@ -25,6 +26,11 @@ HEIGHT_ROOM = 20.0
 """
 A conductor passes a support at most this far above or below those that end there [m].
 Source: derived: earth wire to lowest conductor of a tower with two circuits on three levels.
+"""
+UNSEEN = 0.5
+"""
+Of a pole at most so much of the height that was seen stands above it unseen.
+Source: judgement: three wires of a street hang 1.5 m above what was seen of their pole of 9 m.
 """
 SKEW = 0.3
 """
@@ -88,19 +94,34 @@ def place_station(group: Sequence[Joint]) -> Station:
     )
 
 
+def find_ceiling(station: Station, poles: Sequence[StandingPole]) -> float:
+    """
+    Return the height above which nothing hangs at a support: of what passes there [m].
+
+    It is known where poles hold all conductors that meet at it, and infinite elsewhere.
+    """
+    highest = float(station.attachments[:, 2].max())
+    ceiling = max((
+        pole.top + UNSEEN * (pole.top - pole.base) for pole in poles
+        if np.hypot(*(station.attachments[:, :2] - pole.position).T).min() <= ARM
+    ), default=-math.inf)
+    return ceiling if ceiling >= highest else math.inf
+
+
 def cut_at_stations(
     points: Float64,
     curves: Sequence[Curve],
     stations: Sequence[Sequence[Joint]],
     settings: SupportSettings,
+    poles: Sequence[StandingPole] = (),
 ) -> list[Curve]:
     """
     Cut curves that pass unbroken through a support at which their neighbours end.
 
     One that ends at a support of another line than theirs runs beside that line, and so does one
-    that is not bent where it would be if it hung there.  Where one conductor alone tells of the
-    support, and all that pass are not bent taken together, none is cut: in two strips of a survey
-    that lie askew it seems to end.
+    that passes above the poles there, or is not bent where it would be if it hung there.  Where
+    one conductor alone tells of the support, and all that pass are not bent taken together, none
+    is cut: in two strips of a survey that lie askew it seems to end.
 
     Parameters
     ----------
@@ -112,6 +133,8 @@ def cut_at_stations(
         The joints of each support.
     settings : SupportSettings
         Widths and least lengths.
+    poles : sequence of StandingPole
+        What stands at curves.
 
     Returns
     -------
@@ -119,7 +142,10 @@ def cut_at_stations(
 
     """
     places = [place_station(group) for group in stations]
-    passing = _measure_passing(points, curves, places, stations, settings)
+    passing = _measure_passing(
+        points, curves, list(zip(places, stations, strict=True)), settings,
+        [find_ceiling(place, poles) for place in places],
+    )
     chosen = [
         _choose_bent(lacks, is_alone=len(group) == 1)
         for lacks, group in zip(passing, stations, strict=True)
@@ -144,15 +170,18 @@ def _choose_bent(lacks: dict[int, Lack], *, is_alone: bool) -> set[int]:
 
 
 def _measure_passing(
-    points: Float64, curves: Sequence[Curve], places: Sequence[Station],
-    stations: Sequence[Sequence[Joint]], settings: SupportSettings,
+    points: Float64, curves: Sequence[Curve],
+    stations: Sequence[tuple[Station, Sequence[Joint]]], settings: SupportSettings,
+    ceilings: Sequence[float],
 ) -> list[dict[int, Lack]]:
     """Return for each support which curves pass it, and the bend that they lack there."""
-    beyond, own = _list_next(len(curves), stations)
+    beyond, own = _list_next(len(curves), [group for _, group in stations])
     margin = settings.min_span / 2
-    result: list[dict[int, Lack]] = [{} for _ in places]
+    result: list[dict[int, Lack]] = [{} for _ in stations]
     for number, (curve, at) in enumerate(zip(curves, own, strict=True)):
-        for station, others, group, found in zip(places, beyond, stations, result, strict=True):
+        for (station, group), others, ceiling, found in zip(
+            stations, beyond, ceilings, result, strict=True
+        ):
             if at and others.isdisjoint(at.values()):
                 continue
             if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
@@ -161,7 +190,7 @@ def _measure_passing(
             if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
                 continue
             height, z = station.attachments[:, 2], float(curve.fit.height(x))
-            if height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
+            if height.min() - HEIGHT_ROOM < z < min(height.max() + HEIGHT_ROOM, ceiling):
                 found[number] = _measure_lack(points, curve, x, curves, group)
     return result
 

@@ -113,6 +113,8 @@ def touch(places, thick=0.03):
 @pytest.mark.parametrize(('places', 'thick', 'held'), [
     ((5.0, 12.0, 19.0, 26.0), 0.03, True),
     ((5.0, 12.1, 18.8, 33.0, 40.0, 47.1), 0.03, True),  # one was not seen
+    ((5.0, 12.0, 19.1, 33.0, 40.0, 54.2), 0.03, True),  # two were not seen
+    ((5.0, 12.0, 26.0, 33.0, 47.0), 0.03, False),  # two bays alone
     ((5.0, 15.0, 25.0, 35.0, 45.0), 0.03, False),  # posts of an insulated cable
     ((5.0, 12.0, 19.0), 0.03, False),  # too few to be sure
     ((5.0, 8.0, 15.0, 26.0, 29.0), 0.03, False),  # treetops

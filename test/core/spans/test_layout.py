@@ -9,6 +9,7 @@ from toys import make_curve, make_route, make_wire
 
 from plc_inspect.config import SupportSettings
 from plc_inspect.core.spans.layout import find_layout
+from plc_inspect.core.spans.standing_poles import StandingPole
 from plc_inspect.core.spans.stations import group_joints
 from plc_inspect.errors import ConfigError
 
@@ -58,6 +59,21 @@ def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end(height
     assert len(own) == 2
     for number in own:
         assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
+
+
+@pytest.mark.parametrize(('height', 'num'), [(17.0, 2), (28.0, 1)])
+def test_a_conductor_far_above_the_poles_at_which_others_end_is_not_cut(height, num):
+    points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
+    top = float(points[:, 2].max())
+    pole = StandingPole(position=np.array([60.0, 1.0]), base=0.0, top=top)
+    # nothing of it was seen at the pole, so that it may be bent there
+    wire = make_wire((0.0, 6.0, height), (120.0, 6.0, height), c=900.0, per_metre=2.0, noise=0.1)
+    wire = wire[np.abs(wire[:, 0] - 60.0) > 35.0]
+    points = np.vstack([points, wire])
+    passing = make_curve(points, np.arange(len(points) - len(wire), len(points)))
+    layout = find_layout(points, [*curves, passing], (), SETTINGS, [pole])
+    own = [curve for curve in layout.curves if curve.position(curve.mean_x)[0, 1] > 5.0]
+    assert len(own) == num
 
 
 def test_no_conductor_is_cut_where_one_seems_to_end_but_the_others_run_straight():
