@@ -3,8 +3,8 @@
 
 """The stages that decide what is a line, in the paper's order."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-import functools
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
 from plc_inspect.core.spans.route import EAST, trace_routes
-from plc_inspect.core.spans.service_drops import add_taps, FindSeeds
+from plc_inspect.core.spans.service_drops import add_taps
 from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans, tell_evidence
 from plc_inspect.core.spans.standing_poles import find_poles
 from plc_inspect.core.stage_log import StageLog, StageMemory
@@ -164,6 +164,10 @@ def _find_once(
         lambda: find_candidates(cloud.points, cloud.high, origin, linearity, scales),
         lambda result: report_linearity(result, settings),
     )
+    steep = log.recall_after('steep', None, lambda: find_candidates(
+        cloud.points, cloud.high, origin, replace(linearity, max_inclination_deg=STEEPEST_DEG),
+        scales, linearity.max_inclination_deg,
+    ))
 
     # Filt_thres: candidates far from all others are no wire.
     outliers = log.run(
@@ -172,13 +176,7 @@ def _find_once(
         report_outliers,
     )
     inliers = candidates.select(outliers.keep)
-    steep = replace(linearity, max_inclination_deg=STEEPEST_DEG)
-    searches = Searches(
-        cloud=cloud, inliers=inliers, settings=settings,
-        find_steep=functools.cache(lambda: find_candidates(
-            cloud.points, cloud.high, origin, steep, scales, linearity.max_inclination_deg,
-        )),
-    )
+    searches = Searches(cloud=cloud, inliers=inliers, steep=steep, settings=settings)
 
     # Regularization, R_z: windows of the cloud in which lines run straight in one direction.
     alignment = log.run(
@@ -210,7 +208,7 @@ def _find_once(
         None,
         lambda: _hang(
             *_revise(points, height, cloud, conductors, settings, whole),
-            lambda: (inliers, searches.find_steep()), settings, rng, east,
+            (inliers, steep), settings, rng, east,
         ),
         lambda result: report_supports(result.layout, result.spans, len(result.borne)),
     )
@@ -299,7 +297,7 @@ def _hang(
     height: HeightResult,
     cloud: OffGround,
     conductors: ConductorResult,
-    find_seeds: FindSeeds,
+    seeds: Sequence[LinearityResult],
     settings: Settings,
     rng: np.random.Generator,
     east: Float64,
@@ -317,7 +315,7 @@ def _hang(
         poles,
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
-    spans = add_taps(cloud, find_seeds, spans, settings)
+    spans = add_taps(cloud, seeds, spans, settings)
     spans = settle_strays(cloud, spans)
     spans = tell_evidence(cloud, spans, height.ground, settings.catenary)
     spans = spread_spans(spans, cloud)

@@ -31,15 +31,15 @@ from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
-from plc_inspect.core.evidence.judge import Judge, RAIL, Verdict
+from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, RAIL, Verdict
 from plc_inspect.core.evidence.searches import Searches
-from plc_inspect.core.evidence.validation import BUILT, list_evidence
+from plc_inspect.core.evidence.validation import BUILT, CROWDED, list_evidence, prove_sag
 from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool, Float64
+from plc_inspect.results import Bool, Float64, Int64
 
 MAX_MISS = 0.8
 """
@@ -149,23 +149,26 @@ def judge_curves(
     Return all curves of the tracks, and what is believed of them.
 
     A thick curve that is no conductor may lie over several: then its parts are tried, and those
-    that are conductors take its place.  Where nothing but too little evidence speaks against a
-    curve, it is searched again in shorter windows; then come steep conductors, and at last those
-    beside others that are known.  Of what is known these take back only what proves to be built,
-    as stays of a crane whose jib is found then.  The arguments are those of `model_conductors`.
+    that are conductors take its place; of one that hangs and is free, none clutters another.
+    Where nothing but too little evidence speaks against a curve, it is searched again in shorter
+    windows; then come steep conductors, and at last those beside others that are known.  Of what
+    is known these take back only what proves to be built, as stays of a crane whose jib is found
+    then.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     judge = Judge(points, index, sight, curves, settings)
     judge.decide()
     freed = _find_within(curves, judge.verdicts, parts, settings)
     if freed:
-        believed = judge.believed
-        won = [curve for curve, _ in judge.try_more(_keep_new(points, freed, settings, believed))]
+        believed, spared = judge.believed, _list_bundles(curves, judge.verdicts, settings)
+        fresh = _keep_new(points, freed, settings, believed)
+        won = [curve for curve, _ in judge.try_more(fresh, spared=spared)]
         if won:
             known = {id(curve) for curve in believed}
             rest = [curve for curve in curves if id(curve) not in known]
             curves = drop_duplicates(points, rest, settings, [*believed, *won])
             judge = Judge(points, index, sight, curves, settings)
+            judge.spare(spared)
             judge.decide()
     if searches is None:
         return tuple(judge.curves), judge
@@ -238,6 +241,19 @@ def _find_within(
     ]
     along = find_along(parts, failed, settings.bundle_width)
     return [parts[k] for k in np.flatnonzero(along).tolist()]
+
+
+def _list_bundles(
+    curves: Sequence[Curve], verdicts: Sequence[Verdict], settings: CatenarySettings
+) -> Int64:
+    """Return the points of thick curves that hang, have air about them, and failed as thick."""
+    chosen = [
+        verdict.profile.chosen for curve, verdict in zip(curves, verdicts, strict=True)
+        if verdict.objection == CROWDED and is_thick(curve)
+        and prove_sag(curve, settings) == 1.0
+        and verdict.free.wide >= FREE_SHARE * curve.length
+    ]
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *chosen]))
 
 
 def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) -> bool:

@@ -24,10 +24,12 @@ from plc_inspect.core.evidence.validation import (
     BAR,
     BUILT,
     CROWDED,
+    DEEPEST,
     find_objection,
     HELD,
     is_scan_line,
     is_straight,
+    may_be_held,
     prove_sag,
     SCAN_LINE,
     STAY,
@@ -68,12 +70,6 @@ Brackets and hangers are no farther from each other [m].
 Source: judgement: hangers of bridges are 3 to 6 m apart, brackets of pipes up to 7 m; poles of
 lines are 10 m apart and more.
 """
-DEEPEST = 200.0
-"""
-A cable with a proven curvature that is held is no conductor below this catenary constant [m].
-Source: derived: main cables of bridges sag by a tenth of their span, those of 150 m have 190 m;
-conductors with spacers or diverters, and messengers of railways, have 300 m and more.
-"""
 CABLE_EVEN = 2
 """
 Even intervals between hangers that show a cable as deep as that, at least.
@@ -84,11 +80,6 @@ RAIL = 1.5
 What runs along the edge of a deck or roof, no higher above it than this, is of it [m].
 Source: derived: railings and parapets are 0.9 to 1.4 m high.
 """
-
-
-def may_be_held(curve: Curve, settings: CatenarySettings) -> bool:
-    """Tell whether something that touches a curve at even intervals may hold it, and not hang."""
-    return curve.fit.c < DEEPEST or prove_sag(curve, settings) < 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,6 +118,7 @@ class Judge:
         )
         self.wire: Bool = np.zeros(len(points), dtype=bool)
         """(N,) points that do not clutter a curve, as they are wires themselves."""
+        self._spared = np.empty(0, dtype=np.int64)
         self.verdicts = [*believed, *(
             Verdict(
                 profile=profile, free=UNKNOWN, beside=False,
@@ -171,15 +163,20 @@ class Judge:
         """Curves that are none."""
         return [curve for curve, verdict in self._pairs() if verdict.objection]
 
+    def spare(self, points: Int64) -> None:
+        """Let some points clutter no curve, whatever becomes of those that they are of."""
+        self._spared = points
+        self.wire[points] = True
+
     def try_more(
-        self, curves: Sequence[Curve], *, beside: bool = True
+        self, curves: Sequence[Curve], *, beside: bool = True, spared: Int64 | None = None
     ) -> list[tuple[Curve, Verdict]]:
         """
         Judge other curves with those that are believed; return those that are conductors.
 
         What was believed without a proven sag is so no more where it proves to be part of
         something built with them.  With ``beside`` False, that they run beside one is
-        no evidence.
+        no evidence.  Points that are to be ``spared`` clutter none of them.
         """
         known = np.flatnonzero([not verdict.objection for verdict in self.verdicts]).tolist()
         trial = Judge(
@@ -187,6 +184,7 @@ class Judge:
             [*(self.curves[number] for number in known), *curves], self._settings,
             [self.verdicts[number] for number in known],
         )
+        trial.spare(self._spared if spared is None else spared)
         trial.decide(beside=beside)
         for number, verdict in zip(known, trial.verdicts, strict=False):
             if prove_sag(self.curves[number], self._settings) < 1.0:

@@ -3,7 +3,7 @@
 
 """Further searches for conductors, where the first one leaves something to find."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,10 +39,10 @@ class Searches:
     """Points off the ground; the high ones are searched."""
     inliers: LinearityResult
     """Places where points lie along a line."""
+    steep: LinearityResult
+    """Places where they lie along one that is steeper than those."""
     settings: Settings
     """Of all stages."""
-    find_steep: Callable[[], LinearityResult]
-    """Finds the places where they lie along one that is steeper than those."""
 
     def look_again(self, curves: Sequence[Curve]) -> ClusteringResult:
         """
@@ -82,8 +82,7 @@ class Searches:
         ClusteringResult
 
         """
-        steep = self.find_steep()
-        rest = steep.select(~self._find_about(steep, curves, 0.0))
+        rest = self.steep.select(~self._find_about(self.steep, curves, 0.0))
         return self._cluster(rest, self.settings.alignment.half_length)
 
     def look_beside(

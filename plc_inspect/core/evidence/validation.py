@@ -86,6 +86,12 @@ Surely straight counts at most so many times what a proven curvature does.
 Source: judgement: a curve may lie over two spans and the support between; what is free all along
 outweighs it, and what is half cluttered, as the pipes of a rack, does not.
 """
+DEEPEST = 200.0
+"""
+A cable with a proven curvature that is held is no conductor below this catenary constant [m].
+Source: derived: main cables of bridges sag by a tenth of their span, those of 150 m have 190 m;
+conductors with spacers or diverters, and messengers of railways, have 300 m and more.
+"""
 LEAST_CONSTANT = 75.0
 """
 Least catenary constant that proves a conductor [m].
@@ -145,6 +151,11 @@ def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
     sigma = math.hypot(sigma, 8.0 * MISLAID / curve.length**2)  # the curvature of such a sag
     deviations = (1.0 / STRAIGHTEST - float(curve.fit.shape[2])) / sigma
     return -min(max(deviations / SURE, 1.0)**2, MOST_STRAIGHT)
+
+
+def may_be_held(curve: Curve, settings: CatenarySettings) -> bool:
+    """Tell whether something that touches a curve at even intervals may hold it, and not hang."""
+    return curve.fit.c < DEEPEST or prove_sag(curve, settings) < 1.0
 
 
 def is_straight(curve: Curve, constant: float) -> bool:

@@ -3,7 +3,7 @@
 
 """Taps: short pieces of conductor that branch off at a support, sideways of the line."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
 import math
 
@@ -102,12 +102,8 @@ THIN_SIGMAS = 2.0
 """A tap is judged within this many rms of its own.  Source: judgement; not measured."""
 
 
-FindSeeds = Callable[[], Sequence[LinearityResult]]
-"""Returns places where points lie along a line; lines of one of them are looked for together."""
-
-
 def add_taps(
-    cloud: OffGround, find_seeds: FindSeeds, spans: SpanResult, settings: Settings
+    cloud: OffGround, seeds: Sequence[LinearityResult], spans: SpanResult, settings: Settings
 ) -> SpanResult:
     """
     Add the conductors that branch off at supports and are too short to be believed elsewhere.
@@ -121,9 +117,9 @@ def add_taps(
     ----------
     cloud : OffGround
         Points off the ground.
-    find_seeds : callable
-        Finds places where points lie along a line: nearly level ones, then those that are steep,
-        which are twigs and braces more often.  Called only where there may be taps.
+    seeds : sequence of LinearityResult
+        Places where points lie along a line: nearly level ones, then those that are steep, which
+        are twigs and braces more often.
     spans : SpanResult
         Spans and supports so far, with labels of these points.
     settings : Settings
@@ -139,9 +135,9 @@ def add_taps(
     if not any(may_have):
         return spans
     spans = copy_labels(spans)
-    seeds = [
+    places = [
         (build_plan_index(found.position, np.arange(len(found.position)), REACH / 2), found)
-        for found in find_seeds() if len(found.position)
+        for found in seeds if len(found.position)
     ]
     models, grounds = list(spans.models), list(spans.ground_below)
     supports = []
@@ -152,7 +148,7 @@ def add_taps(
         if not is_possible:
             supports.append(support)
             continue
-        for azimuth, slope, middle in _list_ways(support, own[:, 1], seeds):
+        for azimuth, slope, middle in _list_ways(support, own[:, 1], places):
             curves = _find_curves(cloud, spans.line_id >= 0, support, azimuth, slope, middle,
                                   settings)
             for curve, low in curves:

@@ -11,6 +11,7 @@ import pytest
 from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
+from plc_inspect.core.evidence.conductors import _list_bundles
 from plc_inspect.core.evidence.judge import Judge
 from plc_inspect.core.evidence.validation import BAR, CROWDED, HELD, STAY, TIED, UNPROVEN
 
@@ -36,6 +37,28 @@ def make(y=0.0, z=12.0, start=0.0, length=60.0, c=400.0, seed=0):
 def test_wires_that_hang_side_by_side_do_not_clutter_each_other():
     wires = [make(y=0.5 * k, seed=k) for k in range(4)]
     assert judge(wires) == [''] * 4
+
+
+def test_strands_of_a_bundle_that_is_free_as_a_whole_do_not_clutter_each_other():
+    """Though one of them has no curve, as it was seen twice, and no ground was seen."""
+    rng = np.random.default_rng(2)
+    places = [(0.0, 12.0), (0.45, 12.0), (0.0, 11.55), (0.45, 11.55)]
+    wires = [make(y=y, z=z, seed=k) for k, (y, z) in enumerate(places)]
+    wires[3][:, 1] += 0.25 * (rng.random(len(wires[3])) < 0.5)
+    points = np.vstack(wires)
+    ends = np.cumsum([0, *map(len, wires)])
+    strands = [make_curve(points, np.arange(*own)) for own in list(pairwise(ends))[:3]]
+    whole = make_curve(points, np.arange(len(points)), 0.5)
+    found = Judge(
+        points, make_index(points), make_sight(points, False), [whole], CatenarySettings()
+    )
+    found.decide()
+    assert found.verdicts[0].objection == CROWDED
+    assert len(found.try_more(strands)) < len(strands)
+    spared = _list_bundles([whole], found.verdicts, CatenarySettings())
+    assert len(spared) > 0.9 * len(points)
+    won = found.try_more(strands, spared=spared)
+    assert [curve for curve, _ in won] == strands
 
 
 def test_a_thick_curve_that_is_not_proven_frees_no_other():

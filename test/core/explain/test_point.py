@@ -222,8 +222,8 @@ def test_a_curve_that_was_adopted_says_so():
 
 def test_what_poles_bear_says_so():
     rng = np.random.default_rng(0)
-    posts = [  # beside it, so that they touch nothing from below
-        rng.uniform((x - 0.07, 0.78, 0.0), (x + 0.07, 0.92, 9.1), (400, 3))
+    posts = [  # below and beside it, so that they touch nothing from either side
+        rng.uniform((x - 0.07, 0.78, 0.0), (x + 0.07, 0.92, 8.4), (400, 3))
         for x in range(3, 48, 7)
     ]
     pipe = make_wire((0, 0, 9), (48, 0, 9), c=1e5, per_metre=12)
