@@ -66,10 +66,10 @@ FILLED = 0.5
 Share of the metres of a wire with others beside it that hold points of it and hang free, at least.
 Source: chosen on uniform foliage of 0.3 to 8 points/m3, which fills a third.
 """
-ROW = 1.5
+ROW = 1.8
 """
-Extent of a row of wires at most, across or vertically [m].
-Source: derived: four wires of a low-voltage line, 0.4 to 0.5 m apart.
+Extent of the points of a row of wires at most, across or vertically [m].
+Source: derived: four wires of a low-voltage line, 0.4 to 0.5 m apart, and TUBE for their scatter.
 """
 ROW_LENGTH = 10.0
 """

@@ -65,6 +65,16 @@ def test_wires_close_to_each_other_are_found(gap, upright):
     assert found.mean() > 0.85
 
 
+@pytest.mark.parametrize('upright', [False, True])
+def test_a_row_is_found_whose_wires_a_drifting_map_has_doubled(upright):
+    offsets = [(0.45 * k + shift, 0.0) for k in range(4) for shift in (0.0, 0.2)]
+    row = make_row([offset[::-1] if upright else offset for offset in offsets], noise=0.03)
+    found = np.zeros(len(row), dtype=bool)
+    for wire in find_wires(row):
+        found[wire] = True
+    assert found.mean() > 0.85
+
+
 def test_a_short_row_and_a_strip_of_a_wall_are_none():
     short = make_row([(0.0, 0.0), (0.3, 0.0), (0.6, 0.0)], length=ROW_LENGTH - 3.0, noise=0.06)
     assert not find_wires(short)
