@@ -23,9 +23,7 @@ from plc_inspect.core.spans.standing_poles import (
 )
 from plc_inspect.core.spans.stations import (
     cut_at_stations,
-    find_ceiling,
     group_joints,
-    HEIGHT_ROOM,
     PARALLEL,
     place_station,
     Station,
@@ -115,7 +113,7 @@ def find_layout(
     if [id(curve) for curve in cut] != [id(curve) for curve in curves]:
         curves = cut
         joints, stations = meet()
-    placed = tuple(place_station(group) for group in stations)
+    placed = tuple(place_station(group, poles) for group in stations)
     x, support = _end_at_supports(curves, joints, stations, placed, poles, settings)
     keep = _find_originals(curves, x[-1], x[1], settings.max_reach)
     if len(keep) < len(curves) and attempts > 1:
@@ -241,9 +239,7 @@ def _station_ahead(
         back = min(settings.min_span, curve.length) / 2  # the other end is nearer beyond
         if abs(y) > settings.width / 2 or not -back < ahead < reach:
             continue
-        height, z = station.attachments[:, 2], float(curve.fit.height(x))
-        top = min(height.max() + HEIGHT_ROOM, find_ceiling(station, poles))
-        if not height.min() - HEIGHT_ROOM < z < top:
+        if not station.may_hold(float(curve.fit.height(x))):
             continue
         if best is None or abs(ahead) < best[0]:
             best = (abs(ahead), number, x)

@@ -53,6 +53,14 @@ class Station:
     """Azimuth of the line, modulo pi [rad]."""
     attachments: Float64
     """(K, 3) where conductors meet at it [m]."""
+    ceiling: float = math.inf
+    """Nothing that passes higher hangs at it [m]; infinite where no poles hold all of these."""
+
+    def may_hold(self, z: float) -> bool:
+        """Tell whether a conductor that passes at a height [m] may hang at it."""
+        height = self.attachments[:, 2]
+        top = min(float(height.max()) + HEIGHT_ROOM, self.ceiling)
+        return float(height.min()) - HEIGHT_ROOM < z < top
 
 
 def group_joints(
@@ -77,8 +85,8 @@ def group_joints(
     return tuple(tuple(group) for group in groups.values())
 
 
-def place_station(group: Sequence[Joint]) -> Station:
-    """Return the support of at least one joint."""
+def place_station(group: Sequence[Joint], poles: Sequence[StandingPole] = ()) -> Station:
+    """Return the support of at least one joint, and of the poles that stand there."""
     attachments = np.array([joint.position for joint in group])
     doubled = np.array([2 * joint.direction for joint in group])
     direction = 0.5 * math.atan2(float(np.sin(doubled).mean()), float(np.cos(doubled).mean()))
@@ -91,21 +99,8 @@ def place_station(group: Sequence[Joint]) -> Station:
         position=unit * float(np.median(along)) + left * middle,
         direction=direction,
         attachments=attachments,
+        ceiling=_find_ceiling(attachments, poles),
     )
-
-
-def find_ceiling(station: Station, poles: Sequence[StandingPole]) -> float:
-    """
-    Return the height above which nothing hangs at a support: of what passes there [m].
-
-    It is known where poles hold all conductors that meet at it, and infinite elsewhere.
-    """
-    highest = float(station.attachments[:, 2].max())
-    ceiling = max((
-        pole.top + UNSEEN * (pole.top - pole.base) for pole in poles
-        if np.hypot(*(station.attachments[:, :2] - pole.position).T).min() <= ARM
-    ), default=-math.inf)
-    return ceiling if ceiling >= highest else math.inf
 
 
 def cut_at_stations(
@@ -141,11 +136,8 @@ def cut_at_stations(
     list of Curve
 
     """
-    places = [place_station(group) for group in stations]
-    passing = _measure_passing(
-        points, curves, list(zip(places, stations, strict=True)), settings,
-        [find_ceiling(place, poles) for place in places],
-    )
+    places = [place_station(group, poles) for group in stations]
+    passing = _measure_passing(points, curves, places, stations, settings)
     chosen = [
         _choose_bent(lacks, is_alone=len(group) == 1)
         for lacks, group in zip(passing, stations, strict=True)
@@ -162,6 +154,15 @@ def cut_at_stations(
     return result
 
 
+def _find_ceiling(attachments: Float64, poles: Sequence[StandingPole]) -> float:
+    """Return the height above which poles that hold all attachments hold nothing [m]."""
+    ceiling = max((
+        pole.top + UNSEEN * (pole.top - pole.base) for pole in poles
+        if np.hypot(*(attachments[:, :2] - pole.position).T).min() <= ARM
+    ), default=-math.inf)
+    return ceiling if ceiling >= float(attachments[:, 2].max()) else math.inf
+
+
 def _choose_bent(lacks: dict[int, Lack], *, is_alone: bool) -> set[int]:
     """Return which of the curves that pass a support may hang there; ``is_alone``: one joint."""
     if is_alone and lacks and _are_unbent(list(lacks.values())):
@@ -170,18 +171,15 @@ def _choose_bent(lacks: dict[int, Lack], *, is_alone: bool) -> set[int]:
 
 
 def _measure_passing(
-    points: Float64, curves: Sequence[Curve],
-    stations: Sequence[tuple[Station, Sequence[Joint]]], settings: SupportSettings,
-    ceilings: Sequence[float],
+    points: Float64, curves: Sequence[Curve], places: Sequence[Station],
+    stations: Sequence[Sequence[Joint]], settings: SupportSettings,
 ) -> list[dict[int, Lack]]:
     """Return for each support which curves pass it, and the bend that they lack there."""
-    beyond, own = _list_next(len(curves), [group for _, group in stations])
+    beyond, own = _list_next(len(curves), stations)
     margin = settings.min_span / 2
-    result: list[dict[int, Lack]] = [{} for _ in stations]
+    result: list[dict[int, Lack]] = [{} for _ in places]
     for number, (curve, at) in enumerate(zip(curves, own, strict=True)):
-        for (station, group), others, ceiling, found in zip(
-            stations, beyond, ceilings, result, strict=True
-        ):
+        for station, others, group, found in zip(places, beyond, stations, result, strict=True):
             if at and others.isdisjoint(at.values()):
                 continue
             if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
@@ -189,8 +187,7 @@ def _measure_passing(
             x, y = curve.local_place(station.position)
             if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
                 continue
-            height, z = station.attachments[:, 2], float(curve.fit.height(x))
-            if height.min() - HEIGHT_ROOM < z < min(height.max() + HEIGHT_ROOM, ceiling):
+            if station.may_hold(float(curve.fit.height(x))):
                 found[number] = _measure_lack(points, curve, x, curves, group)
     return result
 
