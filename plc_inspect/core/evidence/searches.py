@@ -40,7 +40,7 @@ class Searches:
     inliers: LinearityResult
     """Places where points lie along a line."""
     steep: LinearityResult
-    """Places where they lie along one that is steeper than those."""
+    """Places where points lie along a steeper line."""
     settings: Settings
     """Of all stages."""
 
@@ -106,6 +106,7 @@ class Searches:
         return result
 
     def _cluster(self, places: LinearityResult, half_length: float) -> ClusteringResult:
+        """Cluster the points about places, in windows of half a length [m]."""
         windows = align(places, self.settings.alignment)
         return cluster(
             self.cloud.points, self.cloud.index_high(), places.position,
