@@ -111,6 +111,21 @@ def test_the_named_setting_moved_as_told_changes_the_outcome(
     assert tried
 
 
+@pytest.mark.parametrize(('name', 'decision', 'is_steep'), [
+    ('stay', Decision.NOT_LINEAR, True), ('line', Decision.WIRE, False),
+])
+def test_what_is_steep_is_said_to_be_searched_later(cloud, trace, name, decision, is_steep):
+    told = [
+        any('searched as steep' in note for finding in explanation.findings
+            for note in finding.notes)
+        for explanation in (
+            explain_point(trace, cloud[0], SETTINGS, index)
+            for index in pick(cloud, trace, name, decision)
+        )
+    ]
+    assert any(told) if is_steep else not any(told)
+
+
 @pytest.mark.parametrize(('name', 'decision', 'step'), [
     ('bush', Decision.TOO_LOW, 0.02), ('tree', Decision.OUTLIER, -0.12),
     ('stick', Decision.NO_SECTION, 1),
