@@ -6,6 +6,7 @@
 import json
 import threading
 from threading import Event
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -18,7 +19,6 @@ from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
 from plc_inspect.offline.records.flight import MAP_FULL
-from plc_inspect.ros.graph.qos import REQUESTS
 from plc_inspect.ros.node import doubt, inspect_node, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.ros.node.intake import Intake
@@ -117,14 +117,17 @@ def test_writer_that_fails_leaves_the_tables(rig, tmp_path, monkeypatch):
     assert not (tmp_path / 'out' / 'points.laz').exists()
 
 
+@pytest.mark.parametrize('pause', [0.0, 0.08])
 @pytest.mark.parametrize('service', ['segment', 'save'])
-def test_two_hundred_calls_are_answered(rig, service):
-    # One that keeps ten, as by default, loses answers where its thread stands for 0.2 s.
-    client = rig.client.create_client(Trigger, f'/plc_inspect/{service}', qos_profile=REQUESTS)
+def test_two_hundred_calls_are_answered(rig, service, pause):
+    """Also those of a client that keeps ten answers, as by default, and stands still at times."""
+    client = rig.client.create_client(Trigger, f'/plc_inspect/{service}')
+    timer = rig.client.create_timer(0.25, lambda: time.sleep(pause))
     assert client.wait_for_service(10.0)
     futures = [client.call_async(Trigger.Request()) for _ in range(200)]
     wait_for(lambda: all(future.done() for future in futures), '200 answers')
     assert all(future.result().success for future in futures)
+    rig.in_turn(lambda: rig.client.destroy_timer(timer))
     rig.in_turn(lambda: rig.client.destroy_client(client))
 
 
