@@ -223,12 +223,8 @@ def find_held(
 
     """
     def is_held(number: int) -> bool:
-        return any(
-            is_regular(
-                np.diff(_list_contacts(points, index.grid, curves[number].row, wire, side)),
-                longest, least[number],
-            ) for side in (BELOW, LEFT, RIGHT)
-        )
+        contacts = _list_contacts(points, index.grid, curves[number].row, wire)
+        return any(is_regular(np.diff(own), longest, least[number]) for own in contacts)
 
     return np.array(call_each(is_held, len(curves)), dtype=bool)
 
@@ -271,26 +267,53 @@ def _parts(row, other):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_contacts(points, grid, row, wire, side):  # type: ignore[no-untyped-def]
-    """List x along a row's curve where something thin touches it from one side [m]."""
+def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
+    """List x along a row's curve where something thin touches it from each of its sides [m]."""
+    low, high = row[LOW], row[HIGH]
+    places = _place_about(points, grid, row, wire)
+    num = int((high - low) / CONTACT_CELL) + 1
+    return (
+        _list_on_side(places, row, num, BELOW), _list_on_side(places, row, num, LEFT),
+        _list_on_side(places, row, num, RIGHT),
+    )
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _place_about(points, grid, row, wire):  # type: ignore[no-untyped-def]
+    """Return (K, 3) places along, beside and above a row's curve of what may touch it [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
+    solid = row[TOLERANCE] + NUM_LAYERS * LAYER
+    aside, below = solid + CONTACT_DEPTH, solid + THIN_DEPTH
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high,
-        THIN_ROOM if side == BELOW else row[TOLERANCE] + NUM_LAYERS * LAYER + CONTACT_DEPTH,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, aside,
     )
-    num = int((high - low) / CONTACT_CELL) + 1
-    touched, opened = np.zeros(num, dtype=np.bool_), open_row(row)
+    result, opened, count = np.empty((len(near), 3)), open_row(row), 0
+    for i in near:
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
+        if wire[i] or abs(y) >= aside or x < low - THIN_ROOM or x > high + THIN_ROOM:
+            continue
+        rise, _ = see_above(opened, x, points[i, 2])
+        if -below < rise < THIN_ROOM:
+            result[count, 0], result[count, 1], result[count, 2] = x, y, rise
+            count += 1
+    return result[:count]
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _list_on_side(places, row, num, side):  # type: ignore[no-untyped-def]
+    """List x along a row's curve, in ``num`` cells, where it is touched from one side [m]."""
+    low, high = row[LOW], row[HIGH]
+    touched, top = np.zeros(num, dtype=np.bool_), 0.0
     for layer in range(NUM_LAYERS):
         # beyond what is solid: a pipe is touched nowhere else
         top = row[TOLERANCE] + layer * LAYER
         touched[:] = False
-        for i in near:
-            if wire[i]:
-                continue
-            x, across, away = _see_from(opened, points[i], side)
+        for k in range(len(places)):
+            x = places[k, 0]
+            across, away = _see_from(places[k], side)
             away -= top
             if low <= x <= high and abs(across) < CONTACT_ROOM and 0.0 < away < CONTACT_DEPTH:
                 touched[int((x - low) / CONTACT_CELL)] = True
@@ -308,36 +331,33 @@ def _list_contacts(points, grid, row, wire, side):  # type: ignore[no-untyped-de
                 found[count] = low + 0.5 * (first + place) * CONTACT_CELL
                 count += 1
             first = -1
-    return _keep_thin(points, row, near, wire, (top, side), found[:count])
+    return _keep_thin(places, top, side, found[:count])
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
-def _see_from(opened, point, side):  # type: ignore[no-untyped-def]
-    """Return where a point is along a row's curve, across a side of it, and away that way [m]."""
-    x, y = see_beside(opened, point[0], point[1])
-    rise, _ = see_above(opened, x, point[2])
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def _see_from(place, side):  # type: ignore[no-untyped-def]
+    """Return how far a place is across a side of a curve, and away from the curve that way [m]."""
     if side == BELOW:
-        return x, y, -rise
-    return x, rise, y if side == LEFT else -y
+        return place[1], -place[2]
+    return place[2], place[1] if side == LEFT else -place[1]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _keep_thin(points, row, near, wire, beyond, found):  # type: ignore[no-untyped-def]
+def _keep_thin(places, top, side, found):  # type: ignore[no-untyped-def]
     """
-    Return the contacts whose points, and those beyond them, lie close together along a row.
+    Return the contacts whose places, and those beyond them, lie close together along a curve.
 
-    ``beyond`` is how far from the curve, and to which side, they are looked for.
+    ``top`` is how far away from the curve they begin [m].
     """
-    top, side = beyond
     sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
-    opened = open_row(row)
-    for i in near:
-        if wire[i]:
-            continue
-        x, across, away = _see_from(opened, points[i], side)
+    # what stands beside is not all of what touches from there
+    depth = THIN_DEPTH if side == BELOW else CONTACT_DEPTH
+    for n in range(len(places)):
+        x = places[n, 0]
+        across, away = _see_from(places[n], side)
         away -= top
-        if abs(across) >= THIN_ROOM or not 0.0 < away < THIN_DEPTH:
+        if abs(across) >= THIN_ROOM or not 0.0 < away < depth:
             continue
         after = np.searchsorted(found, x)
         for k in range(max(after - 1, 0), min(after + 1, len(found))):
