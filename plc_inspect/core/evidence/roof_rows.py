@@ -6,10 +6,12 @@
 from collections.abc import Sequence
 import math
 
+from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, fit_curve
-from plc_inspect.core.extraction.ground_grid import GroundGrid
+from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve_row import COS, height_of, HIGH, LOW, plan_of, SIN, to_local
+from plc_inspect.core.extraction.ground_grid import GroundGrid, is_seen
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
 
@@ -56,24 +58,7 @@ def are_roof_rows(curves: Sequence[Curve], sight: GroundGrid) -> Bool:
     (C,) bool
 
     """
-    seen = [float(sight.tell_seen(curve.position(_step_along(curve))).mean()) for curve in curves]
-    result = np.zeros(len(curves), dtype=bool)
-    candidates = [number for number, share in enumerate(seen) if share <= AT_EDGE]
-    if not candidates:
-        return result
-    middle = np.vstack([
-        curves[number].position(0.5 * (curves[number].low + curves[number].high))[:, :2]
-        for number in candidates
-    ])
-    half = 0.5 * np.array([curves[number].length for number in candidates])
-    for k, one in enumerate(candidates):
-        away = np.hypot(*(middle[:k] - middle[k]).T)
-        for near in np.flatnonzero(away <= half[:k] + half[k] + BESIDE).tolist():
-            other = candidates[near]
-            if min(seen[one], seen[other]) <= HIDDEN and _lie_side_by_side(
-                curves[one], curves[other]
-            ):
-                result[[one, other]] = True
+    result: Bool = _are_roof_rows(pack_curves(curves), sight.seen, sight.blocks)
     return result
 
 
@@ -107,22 +92,61 @@ def find_roof_rows(points: Float64, lines: Sequence[Int64], sight: GroundGrid) -
     return result
 
 
-def _step_along(curve: Curve) -> Float64:
-    return np.linspace(curve.low, curve.high, max(2, math.ceil(curve.length / STEP)))
+@njit(cache=True, nogil=True, error_model='numpy')
+def _are_roof_rows(rows, seen, blocks):  # type: ignore[no-untyped-def]
+    result, share = np.zeros(len(rows), dtype=np.bool_), np.empty(len(rows))
+    for k in range(len(rows)):
+        share[k] = _measure_seen(rows[k], seen, blocks)
+        if share[k] > AT_EDGE:
+            continue
+        for m in range(k):
+            if share[m] <= AT_EDGE and min(share[k], share[m]) <= HIDDEN and (
+                _lie_side_by_side(rows[k], rows[m])
+            ):
+                result[k] = result[m] = True
+    return result
 
 
-def _lie_side_by_side(one: Curve, other: Curve) -> bool:
-    """Tell whether two curves may be rows of one roof."""
-    if abs(math.sin(one.azimuth - other.azimuth)) > math.sin(ALIGNED):
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure_seen(row, seen, blocks):  # type: ignore[no-untyped-def]
+    """Return the share of a row's curve below which the ground was seen."""
+    step, num = _step_along(row)
+    found = 0
+    for k in range(num):
+        x, y = plan_of(row, row[LOW] + k * step)
+        found += is_seen(seen, blocks, x, y)
+    return found / num
+
+
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def _step_along(row):  # type: ignore[no-untyped-def]
+    """Return the step from place to place along a row's curve [m], and how many there are."""
+    length = row[HIGH] - row[LOW]
+    num = max(2, math.ceil(length / STEP))
+    return length / (num - 1), num
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _lie_side_by_side(one, other):  # type: ignore[no-untyped-def]
+    """Tell whether two rows' curves may be rows of one roof."""
+    turn = one[COS] * other[SIN] - one[SIN] * other[COS]
+    if abs(turn) > math.sin(ALIGNED):
         return False
-    if one.length > other.length:
+    if one[HIGH] - one[LOW] > other[HIGH] - other[LOW]:
         one, other = other, one
-    place = one.position(_step_along(one))
-    x, y = other.local(place)
-    along = (x >= other.low) & (x <= other.high)
-    if along.mean() < OVERLAP:
+    middle, _ = to_local(other, *plan_of(one, 0.5 * (one[LOW] + one[HIGH])))
+    if not other[LOW] <= middle <= other[HIGH]:  # they overlap by less than half
         return False
-    across = np.abs(y[along])
-    above = np.abs(place[along, 2] - other.fit.height(x[along]))
-    side = across.max() > LEAST_APART and across.min() < BESIDE
-    return bool(side and (above <= STEEPEST * across + LEAST_APART).all())
+    step, num = _step_along(one)
+    beside, least, most = 0, np.inf, 0.0
+    for k in range(num):
+        at = one[LOW] + k * step
+        x, y = to_local(other, *plan_of(one, at))
+        if not other[LOW] <= x <= other[HIGH]:
+            continue
+        across = abs(y)
+        if abs(height_of(one, at) - height_of(other, x)) > STEEPEST * across + LEAST_APART:
+            return False
+        beside += 1
+        least, most = min(least, across), max(most, across)
+    return beside >= OVERLAP * num and most > LEAST_APART and least < BESIDE
