@@ -18,11 +18,13 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
-    height_of,
     HIGH,
     LOW,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
+    see_above,
+    see_beside,
     SIN,
     slope_of,
     to_local,
@@ -133,14 +135,17 @@ def find_nearest(  # type: ignore[no-untyped-def]
             row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
             row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, reach,
         )
+        opened = open_row(row)
         for item in near:
-            x, y = to_local(row, points[item, 0], points[item, 1])
+            x, y = see_beside(opened, points[item, 0], points[item, 1])
             if abs(y) > reach or x < low or x > high:
                 continue
-            above = points[item, 2] - height_of(row, x)
+            above, _ = see_above(opened, x, points[item, 2])
+            if abs(above) > reach:
+                continue
             away = math.hypot(y, above)
             is_own[item] |= away <= slack and row[LOW] - slack <= x <= row[HIGH] + slack
-            if abs(above) <= reach and away < best[item] and k < num_known:
+            if away < best[item] and k < num_known:
                 owner[item], best[item] = k, away
     return owner, is_own
 
