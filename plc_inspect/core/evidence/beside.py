@@ -11,7 +11,7 @@ the points of a sparse or blurred one do not.
 from collections.abc import Sequence
 import math
 
-from numba import njit
+from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import Settings
@@ -35,8 +35,10 @@ from plc_inspect.core.extraction.alignment import align
 from plc_inspect.core.extraction.linearity import find_lowest, LinearityResult
 from plc_inspect.core.extraction.occupancy import drop_bulk
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip
+from plc_inspect.core.numerics.arrays import NUM_PARTS
+from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip, PlanIndex
 from plc_inspect.core.numerics.voxels import build_voxels
+from plc_inspect.results import Bool, Float64, Int32
 
 REACH = 8.0
 """
@@ -81,9 +83,7 @@ def search_beside(
 
     """
     index, rows = cloud.index_high(), pack_curves([*curves, *others])
-    owner, is_own = find_nearest(
-        cloud.points, *index.grid, rows, len(curves), REACH, BEYOND
-    )
+    owner, is_own = find_nearest(cloud.points, index, rows, len(curves), REACH, BEYOND)
     chosen = np.flatnonzero((owner >= 0) & ~is_own)
     low = find_lowest(cloud.points, chosen) if len(chosen) else np.zeros(3)
     corner = np.floor(low / PLACE) * PLACE
@@ -91,9 +91,7 @@ def search_beside(
     voxels = build_voxels(cloud.points, chosen, corner, PLACE)
     position = voxels.centroids()
     places = build_plan_index(position, np.arange(len(position)), index.cell_size)
-    number, _ = find_nearest(
-        position, *places.grid, rows[: len(curves)], len(curves), REACH, BEYOND
-    )
+    number, _ = find_nearest(position, places, rows[: len(curves)], len(curves), REACH, BEYOND)
     near = number >= 0
     position, count = position[near], voxels.moments[near, 0].astype(np.int64)
     candidates = LinearityResult(
@@ -111,19 +109,61 @@ def search_beside(
     )
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
-def find_nearest(  # type: ignore[no-untyped-def]
-    points, start, order, origin, cell, rows, columns, curves, num_known, about, past
-):
+def find_nearest(
+    points: Float64, index: PlanIndex, curves: Float64, num_known: int, about: float, past: float
+) -> tuple[Int32, Bool]:
     """
-    Return the nearest known curve about each point, -1 where there is none, and if it lies on any.
+    Find the nearest known curve about each point, and if the point lies on any curve.
 
-    The first curves are known; ``about`` is how far beside them points are, and ``past`` beyond
-    their ends, at most [m].
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of those that are looked at.
+    curves : (C, ROW) float64
+        Rows of `pack_curves`.
+    num_known : int
+        The first so many are known.
+    about, past : float
+        How far beside known curves points are, and how far beyond their ends, at most [m].
+
+    Returns
+    -------
+    owner : (N,) int32
+        The nearest known curve, -1 where there is none.
+    is_own : (N,) bool
+        The point lies on any curve.
+
     """
-    owner = np.full(len(points), -1, dtype=np.int32)
+    owner, best = np.full(len(points), -1, dtype=np.int32), np.full(len(points), np.inf)
     is_own = np.zeros(len(points), dtype=np.bool_)
-    best = np.full(len(points), np.inf)
+    _find_nearest(points, *index.grid, curves, num_known, about, past, owner, is_own, best)
+    return owner, is_own
+
+
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
+def _find_nearest(  # type: ignore[no-untyped-def]
+    points, start, order, origin, cell, rows, columns, curves, num_known, about, past,
+    owner, is_own, best,
+):
+    for part in prange(NUM_PARTS):
+        # no two parts have a row of cells in common, and so no point
+        first, last = part * rows // NUM_PARTS, (part + 1) * rows // NUM_PARTS
+        if first < last:
+            corner = np.array([origin[0], origin[1] + first * cell])
+            _look_about(
+                points, start[first * columns : last * columns + 1], order, corner, cell,
+                last - first, columns, curves, num_known, about, past, owner, is_own, best,
+            )
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _look_about(  # type: ignore[no-untyped-def]
+    points, start, order, origin, cell, rows, columns, curves, num_known, about, past,
+    owner, is_own, best,
+):
+    """Set owners and distances of the points of some rows of cells."""
     for k in range(len(curves)):
         row = curves[k]
         # the outermost points of a curve lie at its ends exactly: no border may be there
@@ -147,7 +187,6 @@ def find_nearest(  # type: ignore[no-untyped-def]
             is_own[item] |= away <= slack and row[LOW] - slack <= x <= row[HIGH] + slack
             if away < best[item] and k < num_known:
                 owner[item], best[item] = k, away
-    return owner, is_own
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -99,9 +99,7 @@ class Searches:
         if not curves or not len(position):
             return np.zeros(len(position), dtype=np.bool_)
         index = build_plan_index(position, np.arange(len(position)), cell)
-        owner, _ = find_nearest(
-            position, *index.grid, pack_curves(curves), len(curves), ROOM, past
-        )
+        owner, _ = find_nearest(position, index, pack_curves(curves), len(curves), ROOM, past)
         result: Bool = owner >= 0
         return result
 

@@ -72,5 +72,5 @@ def test_the_outermost_points_of_a_curve_are_its_own_however_they_are_rounded(sh
     index = build_plan_index(points, np.arange(700), 2.0)
     moved = points.copy()
     moved[:, 0] += shift
-    _, is_own = find_nearest(moved, *index.grid, pack_curves([curve]), 1, REACH, BEYOND)
+    _, is_own = find_nearest(moved, index, pack_curves([curve]), 1, REACH, BEYOND)
     assert is_own.all()
