@@ -66,7 +66,8 @@ class CloudFrame:
         """
         own = np.ascontiguousarray(points, dtype=np.float64)
         own = own if own.flags.writeable else own.copy()  # else numba would compile all anew
-        result: Float64 = _enter(own, self.origin, self.axes)
+        result = np.empty((len(own), 3))  # here and not in the kernel: in large pages of memory
+        _enter(own, self.origin, self.axes, result)
         return result
 
     def leave(self, points: Float64) -> Float64:
@@ -241,13 +242,11 @@ def _sum(points, reference):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _enter(points, origin, axes):  # type: ignore[no-untyped-def]
+def _enter(points, origin, axes, result):  # type: ignore[no-untyped-def]
     num = len(points)
-    result = np.empty((num, 3))
     for part in prange(NUM_PARTS):
         for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
             x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
             result[i, 0] = axes[0, 0] * x + axes[0, 1] * y
             result[i, 1] = axes[1, 0] * x + axes[1, 1] * y
             result[i, 2] = points[i, 2] - origin[2]
-    return result

@@ -1,10 +1,17 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Kernels that select, copy and merge array elements."""
+"""
+Kernels that select, copy and merge array elements.
+
+What may be large is made outside of them: numpy asks for large pages of memory, which are cleared
+in a third of the time.
+"""
 
 from numba import njit, prange
 import numpy as np
+
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 NUM_PARTS = 16
 """
@@ -67,8 +74,7 @@ def merge_ascending(first, second):  # type: ignore[no-untyped-def]
     return result[:used]
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def find_true(mask):  # type: ignore[no-untyped-def]
+def find_true(mask: Bool) -> Int64:
     """
     Return the indices at which a mask is true.
 
@@ -82,7 +88,15 @@ def find_true(mask):  # type: ignore[no-untyped-def]
     (K,) int64, ascending
 
     """
-    # count per part, so that each knows where to write
+    start = _count_before(mask)
+    result = np.empty(int(start[-1]), dtype=np.int64)
+    _list_true(mask, start, result)
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _count_before(mask):  # type: ignore[no-untyped-def]
+    """Count what is true before each part, so that it knows where to write, and in all."""
     num = len(mask)
     start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
     for part in prange(NUM_PARTS):
@@ -90,18 +104,21 @@ def find_true(mask):  # type: ignore[no-untyped-def]
             start[part + 1] += mask[i]
     for part in range(NUM_PARTS):
         start[part + 1] += start[part]
-    result = np.empty(start[NUM_PARTS], dtype=np.int64)
+    return start
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _list_true(mask, start, result):  # type: ignore[no-untyped-def]
+    num = len(mask)
     for part in prange(NUM_PARTS):
         i, place = part * num // NUM_PARTS, start[part]
         while place < start[part + 1]:  # no branch on the mask, which is hard to predict
             result[place] = i
             place += mask[i]
             i += 1
-    return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def take_rows(points, chosen):  # type: ignore[no-untyped-def]
+def take_rows(points: Float64, chosen: Int64 | Int32) -> Float64:
     """
     Copy some of the points.
 
@@ -118,10 +135,15 @@ def take_rows(points, chosen):  # type: ignore[no-untyped-def]
 
     """
     result = np.empty((len(chosen), 3))
+    _copy_rows(points, chosen, result)
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _copy_rows(points, chosen, result):  # type: ignore[no-untyped-def]
     for k in prange(len(chosen)):
         i = chosen[k]
         result[k, 0], result[k, 1], result[k, 2] = points[i, 0], points[i, 1], points[i, 2]
-    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)
@@ -144,8 +166,9 @@ def put_rows(table, place, rows):  # type: ignore[no-untyped-def]
             table[place[k], column] = rows[k, column]
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def take_found(chosen, found, distance, span):  # type: ignore[no-untyped-def]
+def take_found(
+    chosen: Int64, found: Int64, distance: Float32, span: Int32
+) -> tuple[Int64, Float32, Int32]:
     """
     Copy a part of the results of `find_near`.
 
@@ -162,9 +185,15 @@ def take_found(chosen, found, distance, span):  # type: ignore[no-untyped-def]
 
     """
     num = len(chosen)
-    own, own_distance = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.float32)
-    own_span = np.empty(num, dtype=np.int32)
-    for k in prange(num):
+    own = np.empty(num, dtype=np.int64), np.empty(num, np.float32), np.empty(num, np.int32)
+    _copy_found(chosen, found, distance, span, *own)
+    return own
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _copy_found(  # type: ignore[no-untyped-def]
+    chosen, found, distance, span, own, own_distance, own_span
+):
+    for k in prange(len(chosen)):
         m = chosen[k]
         own[k], own_distance[k], own_span[k] = found[m], distance[m], span[m]
-    return own, own_distance, own_span
