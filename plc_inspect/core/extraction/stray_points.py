@@ -10,7 +10,7 @@ the conductors would come out too low.
 
 from dataclasses import dataclass
 
-from numba import njit
+from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.extraction.ground_surface import bounds
@@ -124,14 +124,19 @@ def _find_cell(points, k, low, cell, shape):  # type: ignore[no-untyped-def]
     return at
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True)
 def _count(points, low, cell, shape):  # type: ignore[no-untyped-def]
-    counts = np.zeros(shape[0] * shape[1] * shape[2], dtype=np.int64)
-    for k in range(len(points)):
-        at = _find_cell(points, k, low, cell, shape)
-        if at >= 0:
-            counts[at] += 1
-    return counts
+    num, num_parts = len(points), 4
+    counts = np.zeros((num_parts, shape[0] * shape[1] * shape[2]), dtype=np.int64)
+    for part in prange(num_parts):
+        own = counts[part]
+        for k in range(part * num // num_parts, (part + 1) * num // num_parts):
+            at = _find_cell(points, k, low, cell, shape)
+            if at >= 0:
+                own[at] += 1
+    for part in range(1, num_parts):
+        counts[0] += counts[part]
+    return counts[0].copy()
 
 
 @njit(cache=True, nogil=True)
