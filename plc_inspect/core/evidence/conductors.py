@@ -31,7 +31,8 @@ from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
-from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, RAIL, Verdict
+from plc_inspect.core.evidence.built import RAIL
+from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, Verdict
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import BUILT, CROWDED, list_evidence, prove_sag
 from plc_inspect.core.extraction.ground_grid import GroundGrid

@@ -10,28 +10,21 @@ import math
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.curve import Curve, pack_curves
-from plc_inspect.core.catenary.curve_row import CURVATURE, SLOPE
+from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import find_along, is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
-from plc_inspect.core.evidence.bars import is_bar
-from plc_inspect.core.evidence.edges import find_edges
+from plc_inspect.core.evidence.built import name_built
 from plc_inspect.core.evidence.free_length import FreeLength, measure_free_length, UNKNOWN
 from plc_inspect.core.evidence.groups import find_groups, prove_together
-from plc_inspect.core.evidence.stays import find_fans, find_held, find_stays, LEAST_EVEN
+from plc_inspect.core.evidence.stays import find_fans, find_stays, STEEP, STEEP_CONSTANT
 from plc_inspect.core.evidence.ties import find_tied
 from plc_inspect.core.evidence.validation import (
-    BAR,
     BUILT,
     CROWDED,
-    DEEPEST,
     find_objection,
-    HELD,
-    is_scan_line,
     is_straight,
     may_be_held,
     prove_sag,
-    SCAN_LINE,
     STAY,
     STRAIGHTEST,
     TIED,
@@ -57,28 +50,6 @@ FREE_SHARE = 0.5
 """
 Stays of a fan hang free along this share of their length, at least.
 Source: judgement: gutters and ridges, which are as straight, have a roof beside them.
-"""
-STEEP, STEEP_CONSTANT = math.tan(math.radians(15.0)), 1500.0
-"""
-What is steeper than this, and surely straighter than such a catenary constant [m], is a stay.
-Source: measured: on random scenes steep conductors of 28 m and more are surely tighter than 1060 m
-and bars of bridges surely straighter than 1890 m; guys of masts have 20 degrees and more.
-"""
-LONGEST_BAY = 8.0
-"""
-Brackets and hangers are no farther from each other [m].
-Source: judgement: hangers of bridges are 3 to 6 m apart, brackets of pipes up to 7 m; poles of
-lines are 10 m apart and more.
-"""
-CABLE_EVEN = 2
-"""
-Even intervals between hangers that show a cable as deep as that, at least.
-Source: derived: one more that agrees with one; service drops, as deep, touch nothing evenly.
-"""
-RAIL = 1.5
-"""
-What runs along the edge of a deck or roof, no higher above it than this, is of it [m].
-Source: derived: railings and parapets are 0.9 to 1.4 m high.
 """
 
 
@@ -278,33 +249,11 @@ class Judge:
                 self.verdicts[number] = replace(self.verdicts[number], objection=objection)
 
     def name_built(self, numbers: Int64, below: float = math.inf) -> list[str]:
-        """
-        Return of curves, by their numbers, what they are part of, empty for conductors.
-
-        What runs below the edge of a deck or roof, by ``below`` at most [m], is on its wall.
-        """
-        result = [''] * len(numbers)
-        at = [
-            k for k, number in enumerate(numbers.tolist())
-            if may_be_held(self.curves[number], self._settings)
-        ]
-        curves = [self.curves[numbers[k]] for k in at]
-        proofs = [prove_sag(curve, self._settings) for curve in curves]
-        least = [CABLE_EVEN if proof == 1.0 else LEAST_EVEN for proof in proofs]
-        held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY, least)
-        edge = find_edges(self._points, self._index, curves, self.wire)
-        rows = pack_curves(curves)
-        hung = (np.array(proofs) == 1.0) & (rows[:, CURVATURE] > 1.0 / DEEPEST)
-        hung |= np.abs(rows[:, SLOPE]) > STEEP
-        held |= ((edge < RAIL) & (edge > -below)) | ((edge >= RAIL) & hung)
-        for k, curve, proof, is_held in zip(at, curves, proofs, held.tolist(), strict=True):
-            if is_held:
-                result[k] = HELD
-            elif is_scan_line(curve):
-                result[k] = SCAN_LINE
-            elif proof < 1.0 and is_bar(self._points, curve):
-                result[k] = BAR
-        return result
+        """Return of curves, by their numbers, what they are part of, as `built.name_built`."""
+        curves = [self.curves[number] for number in numbers.tolist()]
+        return name_built(
+            self._points, self._index, curves, self.wire, self._settings, below
+        )
 
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""

@@ -49,6 +49,12 @@ Least rise of a stay over the beam for each metre of it.
 Source: derived: conductors of one line part by less: half their spacing at a support, 1 m in 20 m;
 the stays of twelve random cranes rise by 0.1 to 0.5.
 """
+STEEP, STEEP_CONSTANT = math.tan(math.radians(15.0)), 1500.0
+"""
+What is steeper than this, and surely straighter than such a catenary constant [m], is a stay.
+Source: measured: on random scenes steep conductors of 28 m and more are surely tighter than 1060 m
+and bars of bridges surely straighter than 1890 m; guys of masts have 20 degrees and more.
+"""
 NUM_STATIONS = 25
 """Places along a stay.  Source: numerical."""
 CONTACT_ROOM, CONTACT_DEPTH = 0.5, 1.0

@@ -1,0 +1,93 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves that are part of something built: of a bridge, a rack, a deck, a roof."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve_row import CURVATURE, SLOPE
+from plc_inspect.core.evidence.bars import is_bar
+from plc_inspect.core.evidence.edges import find_edges
+from plc_inspect.core.evidence.stays import find_held, LEAST_EVEN, STEEP
+from plc_inspect.core.evidence.validation import (
+    BAR,
+    DEEPEST,
+    HELD,
+    is_scan_line,
+    may_be_held,
+    prove_sag,
+    SCAN_LINE,
+)
+from plc_inspect.core.numerics.plan_index import PlanIndex
+from plc_inspect.results import Bool, Float64
+
+LONGEST_BAY = 8.0
+"""
+Brackets and hangers are no farther from each other [m].
+Source: judgement: hangers of bridges are 3 to 6 m apart, brackets of pipes up to 7 m; poles of
+lines are 10 m apart and more.
+"""
+CABLE_EVEN = 2
+"""
+Even intervals between hangers that show a cable as deep as that, at least.
+Source: derived: one more that agrees with one; service drops, as deep, touch nothing evenly.
+"""
+RAIL = 1.5
+"""
+What runs along the edge of a deck or roof, no higher above it than this, is of it [m].
+Source: derived: railings and parapets are 0.9 to 1.4 m high.
+"""
+
+
+def name_built(
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool,
+    settings: CatenarySettings, below: float = math.inf,
+) -> list[str]:
+    """
+    Tell what curves are part of that is no line.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    curves : sequence of Curve
+        C curves.
+    wire : (N,) bool
+        Points of conductors.
+    settings : CatenarySettings
+        Of the stage.
+    below : float
+        What runs below the edge of a deck or roof by this at most is on its wall [m].
+
+    Returns
+    -------
+    list of str
+        One of BUILT for each curve, empty for a conductor.
+
+    """
+    result = [''] * len(curves)
+    at = [k for k, curve in enumerate(curves) if may_be_held(curve, settings)]
+    own = [curves[k] for k in at]
+    proofs = [prove_sag(curve, settings) for curve in own]
+    least = [CABLE_EVEN if proof == 1.0 else LEAST_EVEN for proof in proofs]
+    held = find_held(points, index, own, wire, LONGEST_BAY, least)
+    edge = find_edges(points, index, own, wire)
+    rows = pack_curves(own)
+    hung = (np.array(proofs) == 1.0) & (rows[:, CURVATURE] > 1.0 / DEEPEST)
+    hung |= np.abs(rows[:, SLOPE]) > STEEP
+    held |= ((edge < RAIL) & (edge > -below)) | ((edge >= RAIL) & hung)
+    for k, curve, proof, is_held in zip(at, own, proofs, held.tolist(), strict=True):
+        if is_held:
+            result[k] = HELD
+        elif is_scan_line(curve):
+            result[k] = SCAN_LINE
+        elif proof < 1.0 and is_bar(points, curve):
+            result[k] = BAR
+    return result
