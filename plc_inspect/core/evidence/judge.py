@@ -29,6 +29,7 @@ from plc_inspect.core.evidence.validation import (
     STRAIGHTEST,
     TIED,
     UNPROVEN,
+    UNTIDY,
 )
 from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.plan_index import PlanIndex
@@ -275,10 +276,7 @@ class Judge:
 
     def _try_groups(self) -> bool:
         """Believe groups whose sags are proven together, if free but for each other; tell if."""
-        rest = [
-            number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection in (UNPROVEN, CROWDED) and not is_thick(self.curves[number])
-        ]
+        rest = [number for number in range(len(self.curves)) if self._may_group(number)]
         found, verdicts = False, list(self.verdicts)
         for group in find_groups(
             [self.curves[number] for number in rest], self._sight, SIDE, self._settings
@@ -288,6 +286,7 @@ class Judge:
                 marked = np.concatenate([self.verdicts[k].profile.chosen for k in own])
                 marked = marked[~self.wire[marked]]
                 self.wire[marked] = True
+                self._look_anew(own)
                 won = self._try(np.array(own), beside=True).tolist()
                 if won == own:
                     found = True
@@ -296,6 +295,22 @@ class Judge:
                 for number in members:
                     self.verdicts[number] = verdicts[number]
         return found
+
+    def _may_group(self, number: int) -> bool:
+        """Whether others beside a curve may be all that speaks against it."""
+        curve, objection = self.curves[number], self.verdicts[number].objection
+        if is_thick(curve):
+            return objection in (UNTIDY, CROWDED) and prove_sag(curve, self._settings) == 1.0
+        return objection in (UNPROVEN, CROWDED)
+
+    def _look_anew(self, numbers: Sequence[int]) -> None:
+        """Count what lies close about thick curves without the wires that are known now."""
+        for number in numbers:
+            curve = self.curves[number]
+            if is_thick(curve):
+                self.verdicts[number] = replace(self.verdicts[number], profile=profile_curve(
+                    self._points, self._index, curve, curve.low, curve.high, ignore=self.wire,
+                ))
 
     def _sweep(self, numbers: Int64, *, beside: bool) -> bool:
         """Judge curves over and over, as long as more of them are found free; tell if any was."""

@@ -8,6 +8,7 @@ import pytest
 from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.evidence.groups import find_groups, prove_together
 from plc_inspect.core.evidence.judge import Judge
 from plc_inspect.core.evidence.validation import prove_sag
@@ -77,5 +78,25 @@ def test_wires_that_are_free_but_for_each_other_are_believed(seen, num):
     numbers = np.split(np.arange(len(points)), np.cumsum([len(wire) for wire in wires])[:-1])
     curves = [make_curve(points, own, tolerance=0.2) for own in numbers]
     judge = Judge(points, make_index(points), make_sight(EVERYWHERE, seen=seen), curves, SETTINGS)
+    judge.decide()
+    assert len(judge.believed) == num
+
+
+@pytest.mark.parametrize(('c', 'seen', 'num'), [
+    (650.0, True, 4), (650.0, False, 0), (1e5, True, 0),
+])
+def test_blurred_wires_that_are_free_but_for_each_other_are_believed(c, seen, num):
+    """As drift blurs them: each is as thick as a bundle, and no air is left between them."""
+    rng = np.random.default_rng(3)
+    wires = [make_wire((0.0, y, 20.0), (55.0, y, 20.0), c, noise=0.05, per_metre=10.0, seed=k)
+             for k, y in enumerate(np.arange(4) * 0.5)]
+    for wire in wires:
+        wire[:, 1] += rng.normal(0.0, 0.13, len(wire))
+    points = np.vstack(wires)
+    numbers = np.split(np.arange(len(points)), np.cumsum([len(wire) for wire in wires])[:-1])
+    curves = [make_curve(points, own, tolerance=0.4) for own in numbers]
+    assert all(is_thick(curve) for curve in curves)
+    sight = make_sight(EVERYWHERE, seen=seen)
+    judge = Judge(points, make_index(points), sight, curves, SETTINGS)
     judge.decide()
     assert len(judge.believed) == num
