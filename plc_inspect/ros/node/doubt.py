@@ -59,7 +59,7 @@ class KnownStates:
 
         """
         doubt, now = entry.doubt, entry.last_inserted or 0
-        if not doubt or self.state is None or self.state.sharpness.poor:
+        if not doubt or self.state is None or self.state.sharpness.doubt:
             return None
         trusted = [state for stamp, state in self._states if now - stamp >= TRUSTED_NS]
         known = trusted[-1] if trusted else self._nothing

@@ -391,6 +391,7 @@ class InspectNode(Node):
             return not lost
         self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
+        self._known.hold_back(self._intake.accumulator)
         final = FinalSave(self._log.info, self._log.error)
         whole = final.save(self._session, self._intake, self._describe_flight(), self.state, late)
         self._keeper.close(final.saved)

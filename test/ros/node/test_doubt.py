@@ -61,6 +61,16 @@ def test_a_tick_that_ends_after_the_doubt_is_held_back_too():
     assert doubt(known, 62).num_points == first.num_points
 
 
+def test_what_a_blurred_map_told_is_held_back_too():
+    known = fly(8)
+    blurred = Sharpness(num_cells=40, blur=2.0)
+    known.add(9 * SECOND, replace(NOTHING, num_points=1, sharpness=blurred))
+    assert known.state.sharpness.poor
+    held = doubt(known, 10)
+    assert held.num_points == 0
+    assert held.sharpness.describe() == 'the heading drifts'
+
+
 def test_few_states_are_kept():
     assert len(fly(600)._states) < 12
 
