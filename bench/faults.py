@@ -269,9 +269,11 @@ def fly_on(fault: Fault, events: list[Event], rate: float, root: Path, room: Pat
 
 def _name_places(text: str, room: Path) -> str:
     """Name folders by what they are for: a page holds no path of the machine that wrote it."""
-    for name, place in (('OUT', 'out'), ('OUT', 'disk/out'), ('ROS_HOME', 'home')):
+    for name, place in (
+        ('OUT', 'out'), ('OUT', 'disk/out'), ('ROS_HOME', 'home'), ('DISK', 'disk'),
+    ):
         text = text.replace(str(room / place), name)
-    return text
+    return re.sub(r'(\[[A-Z]+\] )?\[\d+\.\d+\] ', '', text)  # when it was logged
 
 
 def _send(feeder: Feeder, events: list[Event], fault: Fault, rate: float) -> str:
@@ -326,10 +328,13 @@ class Outcome:
     ghosts: int
     hazards: int
     critical: int
+    shift: float = 0.0
+    """By which all of it is off [m]."""
 
     def describe(self) -> str:
         """Return it in one line."""
-        return (f'{self.spans} spans, {self.share:.0%} of the length, {self.ghosts} ghosts; '
+        off = f', {self.shift:.1f} m off as a whole' if self.shift else ''
+        return (f'{self.spans} spans, {self.share:.0%} of the length{off}, {self.ghosts} ghosts; '
                 f'{self.hazards} hazards, {self.critical} critical')
 
 
@@ -356,21 +361,37 @@ def is_right(outcome: Outcome | None, critical: int, code: int, said: str) -> bo
     return outcome.share >= LEAST_FOUND or bool(said)
 
 
-def compare(found: str, reference: list[Any], offset: Sequence[float]) -> Outcome | None:
+def find_shift(spans: Sequence[Any], reference: Sequence[Any], move: RigidMove) -> np.ndarray:
+    """Return by how much spans are off as a whole, by the supports that they end at [m]."""
+    own, known = (
+        np.array([item[end] for item in items for end in ('start', 'end')
+                  if not item[f'open_{end}']]).reshape(-1, 3) for items in (spans, reference)
+    )
+    if not len(own) or not len(known):
+        return np.zeros(3)
+    own = move.apply(own)
+    result: np.ndarray = np.median(own - known[cKDTree(known).query(own)[1]], axis=0)
+    return result
+
+
+def compare(found: str, reference: list[Any], fault: Fault) -> Outcome | None:
     """
     Return how many spans were found, and how many are not there in the flight without fault.
 
     A span is there where it lies within NEAR of one of that flight all along, whole or in part.
     Where the odometry was corrected the results are in its frame at the end; they are brought
-    back.  Where the map began anew they are off by ``offset``.
+    back.  Where the map began anew they are off by the fault's offset.
     """
     if not found:
         return None
     spans = json.loads((Path(found) / 'spans.json').read_text())['spans']
     hazards = json.loads((Path(found) / 'hazards.json').read_text())['hazards']
     move = find_move(Path(found))
-    traces = [(move or RigidMove()).apply(trace(item)) for item in spans]
-    offset = np.zeros(3) if move else np.array(offset)
+    back = move or RigidMove()
+    traces = [back.apply(trace(item)) for item in spans]
+    offset = np.zeros(3) if move else np.array(fault.offset)
+    if fault.is_scaled:
+        offset = find_shift(spans, reference, back)
     known = cKDTree(np.concatenate([trace(item, GOES_ON) for item in reference]) + offset)
     ghosts = sum(bool((known.query(item)[0] > NEAR).any()) for item in traces)
     tree = cKDTree(np.concatenate(traces or [np.full((1, 3), 1e9)]))
@@ -379,7 +400,7 @@ def compare(found: str, reference: list[Any], offset: Sequence[float]) -> Outcom
     critical = sum(item['severity'] == 'critical' for item in hazards)
     return Outcome(
         spans=len(spans), share=float(share), ghosts=ghosts, hazards=len(hazards),
-        critical=critical,
+        critical=critical, shift=float(np.linalg.norm(offset)) if fault.is_scaled else 0.0,
     )
 
 
@@ -410,7 +431,7 @@ def main() -> int:
             if not reference:
                 print(f'the flight without a fault found no span: {said}', file=sys.stderr)
                 return 1
-            outcome = compare(found, reference, FAULTS[name].offset)
+            outcome = compare(found, reference, FAULTS[name])
             if name == 'none' and outcome:
                 critical = outcome.critical
             right = end == NOT_TRIED or is_right(

@@ -90,6 +90,8 @@ class Fault:
     """Options of a tmpfs that the output folder is on, '' for the folder of all else."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """By which the fault moves the results [m]."""
+    is_scaled: bool = False
+    """Where the corrected map begins cannot be told then: the results may be off as a whole."""
 
 
 def put_foreign_file(out: Path) -> None:
@@ -183,9 +185,9 @@ FAULTS = {
     'heading drifts by 1 degree/s': Fault(change=drift_heading(1.0)),
     'odometry in UTM through float32': Fault(change=turn_poses(round_to_utm), offset=UTM),
     'positions as north, east, down': Fault(change=turn_poses(tell_ned)),
-    'positions 5 % too long': Fault(change=stretch(1.05)),
-    'positions 2 % too long': Fault(change=stretch(1.02)),
-    'positions 10 % too short': Fault(change=stretch(0.9)),
+    'positions 5 % too long': Fault(change=stretch(1.05), is_scaled=True),
+    'positions 2 % too long': Fault(change=stretch(1.02), is_scaled=True),
+    'positions 10 % too short': Fault(change=stretch(0.9), is_scaled=True),
     'positions at 10 Hz, told at 50 Hz': Fault(change=hold_positions(0.1)),
     'positions at 5 Hz, told at 50 Hz': Fault(change=hold_positions(0.2)),
     'positions at 10 Hz, told at 50 Hz, one in ten lost': Fault(change=hold_positions(0.1, 0.1)),
