@@ -375,13 +375,14 @@ def _keep_thin(places, top, side, found):  # type: ignore[no-untyped-def]
                 touching[k] += abs(across) < CONTACT_ROOM and away < CONTACT_DEPTH
                 least[k, 0], most[k, 0] = min(least[k, 0], away), max(most[k, 0], away)
                 least[k, 1], most[k, 1] = min(least[k, 1], across), max(most[k, 1], across)
-    kept = np.zeros(len(found), dtype=np.bool_)
+    kept, place = np.zeros(len(found), dtype=np.bool_), found.copy()
     for k in range(len(found)):
         num = max(sums[k, 0], 1.0)
         mean = sums[k, 1] / num
+        place[k] += mean  # cells tell it to half a metre
         extent = max(most[k, 0] - least[k, 0], most[k, 1] - least[k, 1])
         kept[k] = (
             sums[k, 2] / num - mean * mean <= THIN_SPREAD * THIN_SPREAD
             and touching[k] >= LEAST_CONTACT and extent >= LEAST_EXTENT
         )
-    return found[kept]
+    return place[kept]
