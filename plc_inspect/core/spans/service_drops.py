@@ -19,6 +19,7 @@ from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
+from plc_inspect.core.evidence.built import name_built, RAIL
 from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import add_up, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult, STEEPEST_DEG
@@ -286,7 +287,10 @@ def _find_curves(
         if evidence > 0.0 and _is_tap(cloud, curve, thin, support, known, settings):
             result.append((curve, low))
     # of a crown, a roof or a truss some piece is free, and most are not
-    return result if total > 0.0 else []
+    if total <= 0.0:
+        return []
+    built = name_built(points, index, [curve for curve, _ in result], wire, limits, RAIL)
+    return [item for item, name in zip(result, built, strict=True) if not name]
 
 
 def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) -> float:

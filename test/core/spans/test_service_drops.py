@@ -103,6 +103,20 @@ def test_branches_and_roof_edges_at_a_pole_are_no_taps():
     assert Pipeline().run(np.vstack([points, roof, tree])).num_lines == 3
 
 
+@pytest.mark.parametrize('has_hangers', [False, True])
+def test_the_main_cable_of_a_bridge_beside_a_pole_is_no_tap(has_hangers):
+    points, _ = make_street()
+    cable = make_wire((45.2, 0.4, 7.4), (48.5, 14.0, 11.0), c=120.0, per_metre=15.0, seed=3)
+    cable = cable[np.argsort(cable[:, 1])]
+    rods = [
+        np.column_stack([
+            np.full(60, x), np.full(60, y), np.linspace(z - 4.0, z - 0.1, 60)
+        ]) for x, y, z in cable[np.searchsorted(cable[:, 1], np.arange(2.4, 13.0, 2.4))]
+    ]
+    found = Pipeline().run(np.vstack([points, cable, *rods[: 5 * has_hangers]]))
+    assert found.num_lines == (3 if has_hangers else 4)
+
+
 def test_without_a_line_nothing_is_looked_for():
     rng = np.random.default_rng(6)
     ground = np.column_stack([rng.uniform(-20, 20, (5000, 2)), rng.normal(0.0, 0.02, 5000)])
