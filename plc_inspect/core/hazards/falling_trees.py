@@ -79,11 +79,6 @@ more, one that was seen in part had 0.14.
 """
 FEW_POINTS = 10
 """Points fewer than which show no crown.  Source: judgement; not measured."""
-HALF = 0.5
-"""
-Share of so few points that may hang above the others by more than these are tall.
-Source: derived: no more of them hang than stand.
-"""
 MOST_SLENDER = 0.5
 """
 What has more than this share of its points on slender things, at an end of a span, is of its
@@ -283,7 +278,7 @@ def _stand(z: Float64, height: Float64, tree: Int64) -> Bool:
     hangs = (level - below > HANGS) & (rank + 1 <= FEW * size[own])
     lowest = np.full(len(size), np.inf)
     np.minimum.at(lowest, own, level)
-    few = (rank == 0) | ((size[own] < FEW_POINTS) & (rank + 1 <= HALF * size[own]))
+    few = (rank + 1 < FEW_POINTS) & (level[first[own]] - level <= TOUCH)
     hangs |= few & (level - below > np.maximum(HANGS, below - lowest[own]))
     last = np.full(len(size), -1, dtype=np.int64)  # of those above the lowest such gap
     np.maximum.at(last, own[hangs], rank[hangs])

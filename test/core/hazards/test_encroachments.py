@@ -248,6 +248,19 @@ def test_one_point_high_above_a_few_is_not_of_their_tree():
     )
 
 
+@pytest.mark.parametrize(('num', 'tall'), [(1, 0.2), (2, 0.2), (9, 0.2), (9, 3.0), (12, 0.2)])
+def test_points_of_a_wire_high_above_a_bush_are_not_of_it(num, tall):
+    """A crown has more points, or is taller than a wire is thick."""
+    rng = np.random.default_rng(0)
+    bush = rng.uniform((49.5, 5.5, 6.5), (50.5, 6.5, 8.0), (14, 3))
+    above = rng.uniform((49.5, 5.5, 30.0), (50.5, 6.5, 30.0 + tall), (num, 3))
+    above[:2, 2] = (30.0, 30.0 + tall)[: min(num, 2)]
+    records = find_falling_trees(
+        make_fallible(np.vstack([bush, above])), [make_model(*ENDS)], (), RULES, SETTINGS, []
+    )
+    assert len(records) == (num >= 10 or tall > 1.0)
+
+
 @pytest.mark.parametrize(('x', 'falls'), [(0.0, False), (50.0, True)])
 def test_what_holds_a_conductor_does_not_fall_on_it(x, falls):
     points = make_column(x, y=3.0, top=20.0)
