@@ -21,7 +21,7 @@ from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, 
 from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.evidence.built import name_built, RAIL
 from plc_inspect.core.evidence.free_length import measure_free_length
-from plc_inspect.core.evidence.validation import add_up, is_scan_line
+from plc_inspect.core.evidence.validation import add_up, HELD, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult, STEEPEST_DEG
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
@@ -290,7 +290,7 @@ def _find_curves(
     if total <= 0.0:
         return []
     built = name_built(points, index, [curve for curve, _ in result], wire, limits, RAIL)
-    return [item for item, name in zip(result, built, strict=True) if not name]
+    return [item for item, name in zip(result, built, strict=True) if name != HELD]
 
 
 def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) -> float:
