@@ -4,6 +4,7 @@
 """Curves that are part of something built: of a bridge, a rack, a deck, a roof."""
 
 from collections.abc import Sequence
+from itertools import compress
 import math
 
 import numpy as np
@@ -34,7 +35,7 @@ lines are 10 m apart and more.
 """
 CABLE_EVEN = 2
 """
-Even intervals between hangers that show a cable as deep as that, at least.
+Even intervals between hangers of a cable whose sag is proven, at least.
 Source: derived: one more that agrees with one; service drops, as deep, touch nothing evenly.
 """
 RAIL = 1.5
@@ -44,12 +45,12 @@ Source: derived: railings and parapets are 0.9 to 1.4 m high.
 """
 
 
-def name_built(
+def are_held(
     points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool,
     settings: CatenarySettings, below: float = math.inf,
-) -> list[str]:
+) -> Bool:
     """
-    Tell what curves are part of that is no line.
+    Tell which curves something touches evenly, or lie along the edge of a deck or roof.
 
     Parameters
     ----------
@@ -68,26 +69,43 @@ def name_built(
 
     Returns
     -------
-    list of str
-        One of BUILT for each curve, empty for a conductor.
+    (C,) bool
 
     """
-    result = [''] * len(curves)
-    at = [k for k, curve in enumerate(curves) if may_be_held(curve, settings)]
-    own = [curves[k] for k in at]
-    proofs = [prove_sag(curve, settings) for curve in own]
-    least = [CABLE_EVEN if proof == 1.0 else LEAST_EVEN for proof in proofs]
+    result = np.array([may_be_held(curve, settings) for curve in curves], dtype=np.bool_)
+    own = list(compress(curves, result))
+    proven = np.array([prove_sag(curve, settings) == 1.0 for curve in own], dtype=np.bool_)
+    least = np.where(proven, CABLE_EVEN, LEAST_EVEN).tolist()
     held = find_held(points, index, own, wire, LONGEST_BAY, least)
     edge = find_edges(points, index, own, wire)
     rows = pack_curves(own)
-    hung = (np.array(proofs) == 1.0) & (rows[:, CURVATURE] > 1.0 / DEEPEST)
+    hung = proven & (rows[:, CURVATURE] > 1.0 / DEEPEST)
     hung |= np.abs(rows[:, SLOPE]) > STEEP
     held |= ((edge < RAIL) & (edge > -below)) | ((edge >= RAIL) & hung)
-    for k, curve, proof, is_held in zip(at, own, proofs, held.tolist(), strict=True):
-        if is_held:
-            result[k] = HELD
-        elif is_scan_line(curve):
-            result[k] = SCAN_LINE
-        elif proof < 1.0 and is_bar(points, curve):
-            result[k] = BAR
+    result[result] = held
     return result
+
+
+def name_built(
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool,
+    settings: CatenarySettings, below: float = math.inf,
+) -> list[str]:
+    """
+    Tell what curves are part of that is no line: one of BUILT for each, empty for a conductor.
+
+    The arguments are those of `are_held`.
+    """
+    held = are_held(points, index, curves, wire, settings, below).tolist()
+    return [
+        HELD if is_held else _name(points, curve, settings)
+        for curve, is_held in zip(curves, held, strict=True)
+    ]
+
+
+def _name(points: Float64, curve: Curve, settings: CatenarySettings) -> str:
+    """Return what the points of a curve alone say that it is part of."""
+    if not may_be_held(curve, settings):
+        return ''
+    if is_scan_line(curve):
+        return SCAN_LINE
+    return BAR if prove_sag(curve, settings) < 1.0 and is_bar(points, curve) else ''

@@ -5,6 +5,7 @@
 
 from collections.abc import Iterator, Sequence
 import dataclasses
+from itertools import compress
 import math
 
 import numpy as np
@@ -19,9 +20,9 @@ from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
-from plc_inspect.core.evidence.built import name_built, RAIL
+from plc_inspect.core.evidence.built import are_held, RAIL
 from plc_inspect.core.evidence.free_length import measure_free_length
-from plc_inspect.core.evidence.validation import add_up, HELD, is_scan_line
+from plc_inspect.core.evidence.validation import add_up, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult, STEEPEST_DEG
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
@@ -289,8 +290,8 @@ def _find_curves(
     # of a crown, a roof or a truss some piece is free, and most are not
     if total <= 0.0:
         return []
-    built = name_built(points, index, [curve for curve, _ in result], wire, limits, RAIL)
-    return [item for item, name in zip(result, built, strict=True) if name != HELD]
+    held = are_held(points, index, [curve for curve, _ in result], wire, limits, RAIL)
+    return list(compress(result, ~held))
 
 
 def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) -> float:
