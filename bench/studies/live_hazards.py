@@ -26,7 +26,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.owed_cells import OwedCells
 from plc_inspect.core.live.session import LiveState, Session, Tick
-from plc_inspect.core.live.window import copy_window, Window
+from plc_inspect.core.live.window import copy_window, Window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.flown_way import FlownWay
@@ -58,6 +58,7 @@ class Vehicle:
     settings: Settings
     accumulator: Accumulator = field(init=False)
     evictor: Evictor = field(init=False)
+    planner: WindowPlanner = field(init=False)
     session: Session = field(default_factory=Session)
     way: FlownWay = field(default_factory=FlownWay)
     owed: OwedCells = field(default_factory=OwedCells)
@@ -70,12 +71,13 @@ class Vehicle:
         """Begin with an empty map."""
         self.accumulator = Accumulator(self.settings)
         self.evictor = Evictor(self.accumulator.map)
+        self.planner = make_planner(self.settings)
 
     def look(self) -> tuple[Window, Tick] | None:
         """Run a tick over the map as it is; None where nothing is new."""
         spans = [item.span for item in self.state.spans] if self.state else []
         ground = bool(self.state and self.state.around.ground)
-        plan = make_planner(self.settings).plan(
+        plan = self.planner.plan(
             self.accumulator.map, spans, self.place, at_once=False, ground=ground
         )
         if plan is None:

@@ -55,6 +55,7 @@ def test_a_flight_tells_its_state_at_the_end(bench):
     vehicle, state = bench.fly(3, Settings(), 4.0, 0.3)
     assert vehicle.state is not None
     assert len(vehicle.track) > 100
+    assert vehicle.told
     assert {item.hazard_id for item in state.hazards} >= {
         number for number, item in vehicle.told.items() if not item.reason
     }
