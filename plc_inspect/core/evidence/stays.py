@@ -357,7 +357,7 @@ def _keep_thin(places, top, side, found):  # type: ignore[no-untyped-def]
     """
     sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
-    # what stands beside is not all of what touches from there
+    # aside, no more was gathered
     depth = THIN_DEPTH if side == BELOW else CONTACT_DEPTH
     for n in range(len(places)):
         x = places[n, 0]

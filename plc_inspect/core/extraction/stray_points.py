@@ -126,7 +126,7 @@ def _find_cell(points, k, low, cell, shape):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _count(points, low, cell, shape):  # type: ignore[no-untyped-def]
-    num, num_parts = len(points), 4
+    num, num_parts = len(points), 4  # few, as each has all cells
     counts = np.zeros((num_parts, shape[0] * shape[1] * shape[2]), dtype=np.int64)
     for part in prange(num_parts):
         own = counts[part]
