@@ -37,11 +37,8 @@ Source: judgement; holds from 1.25 to 5 on bench/constants.py."""
 SAME_WAY = math.radians(45.0)
 """Ends at one support that point the same way differ by less in azimuth.
 Source: judgement; holds from 22.5 to 90 degrees on bench/constants.py."""
-END_SCATTER = 0.05
-"""Standard deviation along the line of where conductors hang from one support [m].
-Source: judgement; holds from 0.025 to 0.1 on bench/constants.py."""
 ARM_SCATTER = 0.12
-"""And of where the points of a conductor give way to those of the arm it ends at [m].
+"""Standard deviation of where a conductor's points give way to those of its arm [m].
 Source: judgement; holds from 0.06 to 0.24 on bench/constants.py."""
 MIN_TOWER = 3.0
 """Three and more conductors that end within less than this hang on a pole [m].
@@ -89,6 +86,8 @@ class Standing:
     position: Float64
     """(2,) plan position [m]."""
     ends: list[SpanEnd]
+    is_open: bool = False
+    """No conductor was found to go on from there."""
     structure: Structure | None = None
     """What was found there."""
 
@@ -168,10 +167,10 @@ def place_supports(
     opened = [end for end, own in zip(ends, at, strict=True) if own < 0]
     for members in _group_ends(opened):
         position = np.mean([end.place[:2] for end in members], axis=0)
-        found.append(Standing(position=position, ends=members))
+        found.append(Standing(position=position, ends=members, is_open=True))
 
     # What stands there decides whether it is a support, and where the conductors end.
-    structures = call_each(lambda k: _find_structure(cloud, wire, found[k]), len(found))
+    structures = call_each(lambda k: _look_for_structure(cloud, wire, found[k]), len(found))
     standing = [
         replace(item, structure=structure)
         for item, structure in zip(found, structures, strict=True)
@@ -242,9 +241,22 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
     )
 
 
-def _find_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure | None:
-    """Find what stands at the ends of conductors and reaches up to them."""
-    base = float(cloud.height.ground.at(item.position[None, :])[0])
+def _look_for_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure | None:
+    """Find what stands at the ends of conductors, or a pole ahead of ends that are open."""
+    reach = FEW_REACH if len(item.ends) < POLE_ENDS else MANY_REACH
+    found = _find_structure(cloud, wire, item, item.position, reach)
+    if found is None and item.is_open and len(_group_ways(item.ends)) == 1:
+        ahead = reach * find_mean_direction(np.array([end.outward for end in item.ends]))
+        found = _find_structure(cloud, wire, item, item.position + ahead, reach, ahead=True)
+    return found
+
+
+def _find_structure(
+    cloud: OffGround, wire: Bool, item: Standing, near: Float64, reach: float, *,
+    ahead: bool = False,
+) -> Structure | None:
+    """Find what reaches up to the ends of conductors."""
+    base = float(cloud.height.ground.at(near[None, :])[0])
     if not math.isfinite(base):
         return None
     attachment = np.array([end.place[2] for end in item.ends])
@@ -252,13 +264,13 @@ def _find_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure |
     across = [end.place[:2] @ (-math.sin(azimuth), math.cos(azimuth)) for end in item.ends]
     few = len(item.ends) < POLE_ENDS
     structure = find_structure(cloud.points, cloud.height.height, cloud.index, wire, Stand(
-        near=item.position,
+        near=near,
         azimuth=azimuth,
-        reach=FEW_REACH if few else MANY_REACH,
+        reach=reach,
         attachment=float(attachment.min()) - base,
         top=float(attachment.max()) - base,
         lowest=cloud.least,
-        may_be_tower=few or float(np.ptp(across)) > MIN_TOWER,
+        may_be_tower=not ahead and (few or float(np.ptp(across)) > MIN_TOWER), is_told=not ahead,
     ))
     if structure is not None and structure.top < float(attachment.min()) - MAX_BELOW:
         return None  # a tree below does not hold them
