@@ -68,7 +68,8 @@ PIECE_POINTS = 5
 """Points of a piece of wire at least.  Source: derived: as columns.LEAST_DROP: two lie on any
 line, three leaves do once in fifty times."""
 FEW = 10
-"""Fewer points may be of the next span.  Source: judgement; roofs and trees have more."""
+"""Fewer points beyond an end may be of the next span, however far beyond.
+Source: judgement; roofs and trees have more."""
 PARALLEL = 0.3
 """Slope against the conductor, across or vertically, of a piece of wire at most.
 Source: judgement; not measured."""
@@ -183,8 +184,10 @@ def find_line_parts(
     for wire in dots:
         unmodelled[wire] = True
     rest = np.flatnonzero(~(unmodelled | roof)[near])
-    beside = _measure_beside(points[near[rest]], distance[near[rest]], owner[near[rest]], models)
-    debris, pieces = _find_scraps(places[rest], distance[near[rest]], beside, ends)
+    beside, beyond = _measure_beside(
+        points[near[rest]], distance[near[rest]], owner[near[rest]], models
+    )
+    debris, pieces = _find_scraps(places[rest], distance[near[rest]], beside, beyond, ends)
     drops, lines = find_straight(points[near[rest]], owner[near[rest]], models)
     own[near[rest[debris | drops]]] = True
     column[near[rest[lines]]] = True
@@ -236,20 +239,21 @@ def _find_continued(points: Float64, models: Sequence[SpanModel]) -> Int64:
 
 def _measure_beside(
     points: Float64, distance: Float64, owner: Int64, models: Sequence[SpanModel]
-) -> Float64:
-    """Return distances (K,) of points to conductors that go on level [m]."""
-    result = distance.copy()
+) -> tuple[Float64, Bool]:
+    """Return distances (K,) of points to conductors that go on level [m], and which are beyond."""
+    result, ahead = distance.copy(), np.zeros(len(points), dtype=bool)
     for number in np.unique(owner).tolist():
         mine, model = np.flatnonzero(owner == number), models[number]
         x, across = model.curve.local(points[mine])
         end = np.clip(x, model.low, model.high)
         above, beyond = points[mine, 2] - model.curve.fit.height(end), x != end
         result[mine[beyond]] = np.hypot(across, above)[beyond]
-    return np.minimum(result, distance)
+        ahead[mine] = beyond
+    return np.minimum(result, distance), ahead
 
 
 def _find_scraps(
-    places: Float64, distance: Float64, beside: Float64, ends: Float64
+    places: Float64, distance: Float64, beside: Float64, beyond: Bool, ends: Float64
 ) -> tuple[Bool, Bool]:
     """
     Tell what is by itself, and is no hazard.
@@ -264,6 +268,8 @@ def _find_scraps(
         Along the span, across it and above its sag [m].
     distance, beside : (K,) float64
         To the nearest conductor, and to it as if it went on beyond its ends [m].
+    beyond : (K,) bool
+        Beyond its ends.
     ends : (E,) float64
         Where along the span conductors end [m].
 
@@ -278,17 +284,19 @@ def _find_scraps(
     mean, low, high, slope, spread = measure_groups(places, thing)
     farthest, nearest = np.zeros(len(mean)), np.full(len(mean), np.inf)
     np.minimum.at(nearest, thing, distance)
-    distance = np.where((np.bincount(thing) < FEW)[thing], beside, distance)
+    num = np.bincount(thing)
+    next_span = (num < FEW) & (np.bincount(thing, weights=beyond) == num)
+    distance = np.where((num < FEW)[thing], beside, distance)
     np.maximum.at(farthest, thing, distance)
     extent = high - low
     piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
-    piece &= (extent[:, 0] >= PIECE_LENGTH) & (np.bincount(thing) >= PIECE_POINTS)
+    piece &= (extent[:, 0] >= PIECE_LENGTH) & (num >= PIECE_POINTS)
     from_end = np.abs(mean[:, 0, None] - ends).min(axis=1)
     thin, straight = tell_thin(places, thing)
     piece |= straight & (from_end <= JUMPER_ROOM)  # service drops, stays
     pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
     pole &= thin | (nearest <= POLE_REACH)
-    reach = np.where(from_end <= JUMPER_ROOM, JUMPER_REACH, FREE_RADIUS)
+    reach = np.where((from_end <= JUMPER_ROOM) | next_span, JUMPER_REACH, FREE_RADIUS)
     apart = (farthest <= reach)[thing] & ~_go_on(places, thing, distance, (pole | piece), reach)
     return apart | pole[thing], piece[thing]
 
