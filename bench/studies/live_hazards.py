@@ -77,6 +77,8 @@ class Vehicle:
         """Run a tick over the map as it is; None where nothing is new."""
         spans = [item.span for item in self.state.spans] if self.state else []
         ground = bool(self.state and self.state.around.ground)
+        if self.state is not None:
+            self.owed.look_again(self.accumulator.map.cells, self.state.awaited)
         plan = self.planner.plan(
             self.accumulator.map, spans, self.place, at_once=False, ground=ground
         )

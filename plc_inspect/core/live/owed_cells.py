@@ -6,7 +6,7 @@
 import numpy as np
 
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
-from plc_inspect.results import Int64
+from plc_inspect.results import Float64, Int64
 
 MOST_FAILURES = 3
 """Failed ticks after which a cell is given up.  Source: judgement: it may be what fails them."""
@@ -48,6 +48,18 @@ class OwedCells:
             cells.renew(cells.find(np.array(again, dtype=np.int64)))
         # the last at first then: some are not worth a look any more, and must not bar the others
         self._owed = {place: self._owed[place] for place in again} | self._owed
+
+    @staticmethod
+    def look_again(cells: CellIndex, places: Float64) -> None:
+        """
+        Make cells new again in which hazards wait to be seen once more, (W, 2+) places [m].
+
+        A cell that is well known grows by too little to be looked at; where anything came in it
+        is, so that a hazard is raised while the vehicle is near.
+        """
+        found = np.unique(cells.find(cells.locate(places[:, :2])))
+        found = found[found >= 0]
+        cells.renew(found[cells.num_new[found] > 0])
 
     def _owe(self, failed: bool) -> None:
         for place in self._looking:

@@ -80,6 +80,8 @@ class LiveState:
     """Ordered by line_id, then span_id; those with numbers below 0 are not confirmed yet."""
     supports: tuple[Support, ...] = ()
     hazards: tuple[Hazard, ...] = ()
+    awaited: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    """(W, 3) where hazards are that wait to be seen again [m]."""
     sharpness: Sharpness = field(default_factory=Sharpness)
     """Of the map; hazards are held back where it is poor."""
     corridor: CorridorPoints
@@ -146,6 +148,7 @@ class Session:
             spans=self._registry.spans,
             supports=self._supports.supports,
             hazards=() if sharpness.poor else self._hazards.hazards,
+            awaited=self._hazards.awaited,
             sharpness=sharpness,
             corridor=self._corridor,
             around=self._surroundings.known,

@@ -7,6 +7,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 
+import numpy as np
+
 from plc_inspect.core.hazards.confidence import AT_END
 from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.core.tracking.support_tracking import (
@@ -99,6 +101,12 @@ class HazardBook:
         return tuple(
             self._known[number].hazard for number in sorted(self._known) if number >= 0
         )
+
+    @property
+    def awaited(self) -> Float64:
+        """(W, 3) where hazards are that wait to be seen again before they are raised [m]."""
+        places = [item.hazard.position for number, item in self._known.items() if number < 0]
+        return np.array(places, dtype=np.float64).reshape(-1, 3)
 
     def remember(self) -> KeptHazards:
         """Return all that the book keeps from tick to tick."""

@@ -67,6 +67,8 @@ def plan_tick(
     planner: WindowPlanner, intake: Intake, state: LiveState | None, at_once: bool
 ) -> WindowPlan | None:
     """Choose the window of a tick, of what the last one found; None when nothing is new."""
+    if state is not None:
+        intake.owed.look_again(intake.accumulator.map.cells, state.awaited)
     return planner.plan(
         intake.accumulator.map, _list_spans(state), intake.vehicle, at_once=at_once,
         ground=bool(state and state.around.ground),
