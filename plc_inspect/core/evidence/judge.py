@@ -259,11 +259,11 @@ class Judge:
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""
         curve, verdict = self.curves[number], self.verdicts[number]
-        wide = verdict.free.wide
-        return (
-            bool(verdict.objection) and curve.fit.c > STRAIGHTEST
-            and -math.inf < wide <= -BEAM_CLUTTER * curve.length
-        )
+        proof, share = prove_sag(curve, self._settings), verdict.free.wide / curve.length
+        if not verdict.objection or not math.isfinite(share):
+            return False
+        solid = share <= -BEAM_CLUTTER and curve.fit.c > STRAIGHTEST
+        return solid or (share < 0.0 and proof < 0.0)
 
     def _mark(self, numbers: Int64) -> None:
         for number in numbers.tolist():
