@@ -10,7 +10,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.breaks import MIN_KINK
+from plc_inspect.core.catenary.breaks import locate_breaks, MIN_KINK
 from plc_inspect.core.catenary.curve import (
     Curve,
     find_near,
@@ -99,6 +99,12 @@ GAP_RATIO = 6.0
 What is seen in few places is followed over gaps of so many times the mean distance of these.
 Source: derived: of 100 gaps between places that lie at random the longest is 5.0 times the mean in
 the median, ln(100 / ln 2), and at most 6 times in 78 % of cases, exp(-100 exp(-6)).
+"""
+SUPPORT_KINK = 0.1
+"""
+A curve that has such a kink where it grew, as at a support, has not grown.
+Source: measured: on random scenes from -0.08 to 0.16 where parts of one conductor are mislaid, and
+-0.25 to -0.31 where conductors of a rack grew into others of the next span.
 """
 LEAST_GROWTH = 1.0
 """A curve that grew by less is done [m].  Source: derived: one bin."""
@@ -275,11 +281,28 @@ def _extend(  # type: ignore[no-untyped-def]
         least = LEAST_KEPT * left
         if grown[NUM_POINTS] < least * row[NUM_POINTS] or length < least * was:
             break
+        if length >= was + LEAST_GROWTH and _is_broken(points, chosen[:num], row):
+            break
         put(grown, row)
         own, stride = kept, step
         if not waits and length < was + LEAST_GROWTH and longest <= followed + STEP:
             break
     return own, stride
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _is_broken(points, chosen, row):  # type: ignore[no-untyped-def]
+    """Tell whether a row's curve has grown beyond a support, to points of the next span."""
+    x, y, z = np.empty(len(chosen)), np.empty(len(chosen)), np.empty(len(chosen))
+    for k in range(len(chosen)):
+        x[k], y[k] = to_local(row, points[chosen[k], 0], points[chosen[k], 1])
+        z[k] = points[chosen[k], 2]
+    breaks = locate_breaks(x, y, z, np.zeros(len(chosen), dtype=np.int64))
+    for k in range(len(breaks)):
+        place, kink = breaks[k, 0], breaks[k, 1]
+        if kink <= -SUPPORT_KINK and not row[LOW] <= place <= row[HIGH]:
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
