@@ -22,11 +22,18 @@ from plc_inspect.core.catenary.curve_row import (
     see_beside,
     SIN,
 )
-from plc_inspect.core.catenary.cutting import cut_curve
+from plc_inspect.core.catenary.cutting import cut_curve, measure_bend
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import describe_joint, Joint, MAX_MISS, MAX_TURN
+from plc_inspect.core.spans.joints import (
+    describe_joint,
+    Joint,
+    MAX_MISS,
+    MAX_TURN,
+    MIN_RISE,
+    TURN_SIGMAS,
+)
 from plc_inspect.core.spans.structures import (
     COLUMN,
     FILLED,
@@ -228,7 +235,11 @@ def _cut(
     x, _ = curve.local_place(pole.position)
     if not curve.low + least < x < curve.high - least or not pole.holds(curve):
         return [curve]
-    return cut_curve(points, curve, pole.position)
+    bend, sigma = measure_bend(points, curve, x)
+    lack = 0.5 * curve.length * float(curve.fit.shape[2]) - bend
+    return [curve] if lack > MIN_RISE + TURN_SIGMAS * sigma else cut_curve(
+        points, curve, pole.position
+    )
 
 
 def _find_end(
