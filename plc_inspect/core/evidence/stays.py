@@ -49,6 +49,12 @@ Least rise of a stay over the beam for each metre of it.
 Source: derived: conductors of one line part by less: half their spacing at a support, 1 m in 20 m;
 the stays of twelve random cranes rise by 0.1 to 0.5.
 """
+PARALLEL, LEAST_DEPTH = 0.15, 1.0
+"""
+A chord of a frame keeps its distance from a beam but for so much, and it is so much at least [m].
+Source: measured: on random scenes rails of gantries and pipe racks keep theirs, 1.6 to 2 m, to
+0.1 m; judgement: wires of a rack are 0.3 to 0.5 m apart, and one seen badly may pass for a beam.
+"""
 STEEP, STEEP_CONSTANT = math.tan(math.radians(15.0)), 1500.0
 """
 What is steeper than this, and surely straighter than such a catenary constant [m], is a stay.
@@ -125,6 +131,26 @@ def find_stays(curves: Sequence[Curve], sure: Bool, beams: Sequence[Curve]) -> B
     """
     near = find_near(curves, ASIDE, beams)
     result: Bool = _find_stays(pack_curves(curves), sure, pack_curves(beams), near)
+    return result
+
+
+def find_chords(curves: Sequence[Curve], beams: Sequence[Curve]) -> Bool:
+    """Tell which of C curves, (C,) bool, run parallel to a beam close to it: of one frame."""
+    near = find_near(curves, ASIDE, beams)
+    result: Bool = _find_chords(pack_curves(curves), pack_curves(beams), near)
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _find_chords(rows, beams, near):  # type: ignore[no-untyped-def]
+    result = np.zeros(len(rows), dtype=np.bool_)
+    for k in range(len(rows)):
+        for m in near.item[near.start[k] : near.start[k + 1]]:
+            common, _, first, last, nearest = _compare(rows[k], beams[m])
+            if (common >= ABOVE_SHARE * NUM_STATIONS and LEAST_DEPTH <= nearest <= NEAREST
+                    and abs(last - first) <= PARALLEL):
+                result[k] = True
+                break
     return result
 
 
