@@ -42,7 +42,10 @@ Source: derived: half the width of a tower crane's jib, up to 2.5 m, and the mis
 ABOVE_SHARE = 0.8
 """Share of a stay that is above the beam.  Source: judgement: the mast's head is off its end."""
 NEAREST = 3.0
-"""Height above the beam at the lower end, at most [m].  Source: derived: the depth of a jib."""
+"""
+Height above the beam at the lower end, at most, where less than half of a stay was seen [m].
+Source: derived: the depth of a jib.
+"""
 RISE = 0.06
 """
 Least rise of a stay over the beam for each metre of it.
@@ -169,9 +172,10 @@ def _find_stays(rows, sure, beams, near):  # type: ignore[no-untyped-def]
 def _holds(row, is_sure, beam):  # type: ignore[no-untyped-def]
     """Tell whether a row's curve is a stay of a beam, or a rail or cable where it is sure."""
     _, above, first, last, nearest = _compare(row, beam)
-    if above < ABOVE_SHARE * NUM_STATIONS or nearest > NEAREST:
+    rise = abs(last - first)
+    if above < ABOVE_SHARE * NUM_STATIONS or nearest > max(NEAREST, rise):
         return False
-    return is_sure or abs(last - first) >= RISE * (row[HIGH] - row[LOW])
+    return is_sure or rise >= RISE * (row[HIGH] - row[LOW])
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
