@@ -129,6 +129,14 @@ def test_smooth_conductors_have_a_support_at_the_pole():
     assert without.stations == ()
 
 
+@pytest.mark.parametrize(('top', 'num'), [(9.5, 2), (11.5, 1)])
+def test_a_smooth_conductor_passes_what_rises_far_above_it(top, num):
+    """A slender tree is as bare a column as a pole; the sag tells that it holds nothing."""
+    cloud, curves, poles = look(make_pole(60.0, 0.1, top), offsets=(0.0,))
+    assert len(poles) == 1
+    assert len(cut_at_poles(cloud.points, curves, poles, 6.0)) == num
+
+
 def test_ends_that_meet_at_a_pole_are_joined_once():
     cloud, curves, poles = look(make_pole(60.0, 0.1, 8.2), offsets=(0.0,))
     parts = cut_at_poles(cloud.points, curves, poles, 6.0)
