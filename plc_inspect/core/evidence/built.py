@@ -13,8 +13,9 @@ from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.catenary.curve_row import CURVATURE, SLOPE
 from plc_inspect.core.evidence.bars import is_bar
+from plc_inspect.core.evidence.contacts import find_held, LEAST_EVEN
 from plc_inspect.core.evidence.edges import find_edges
-from plc_inspect.core.evidence.stays import find_held, LEAST_EVEN, STEEP
+from plc_inspect.core.evidence.stays import STEEP
 from plc_inspect.core.evidence.validation import (
     BAR,
     DEEPEST,

@@ -16,7 +16,13 @@ from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.built import name_built
 from plc_inspect.core.evidence.free_length import FreeLength, measure_free_length, UNKNOWN
 from plc_inspect.core.evidence.groups import find_groups, prove_together
-from plc_inspect.core.evidence.stays import find_chords, find_fans, find_stays, STEEP, STEEP_CONSTANT
+from plc_inspect.core.evidence.stays import (
+    find_chords,
+    find_fans,
+    find_stays,
+    STEEP,
+    STEEP_CONSTANT,
+)
 from plc_inspect.core.evidence.ties import find_tied
 from plc_inspect.core.evidence.validation import (
     BUILT,

@@ -14,7 +14,7 @@ from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.built import LONGEST_BAY
 from plc_inspect.core.evidence.conductors import ConductorResult
-from plc_inspect.core.evidence.stays import is_regular
+from plc_inspect.core.evidence.contacts import is_regular
 from plc_inspect.core.evidence.validation import may_be_held
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
