@@ -172,8 +172,7 @@ def place_supports(
     # What stands there decides whether it is a support, and where the conductors end.
     structures = call_each(lambda k: _look_for_structure(cloud, wire, found[k]), len(found))
     standing = [
-        replace(item, structure=structure)
-        for item, structure in zip(found, structures, strict=True)
+        replace(item, structure=own) for item, own in zip(found, structures, strict=True)
     ]
     placed = []
     for item in _unite(standing):

@@ -112,6 +112,22 @@ def test_a_rack_does_not_grow_over_its_supports_into_the_wires_beside(as_others)
         assert (owner[grown.points] == number).mean() > 0.9
 
 
+@pytest.mark.parametrize('seed', [1, 2])
+def test_a_wire_does_not_grow_over_its_support_onto_another_of_the_next_span(seed):
+    """Beyond the pole a rack rises, so that the next wire comes to where it would be."""
+    own = make_wire((0.0, 0.0, 10.7), (22.0, 0.0, 10.0), c=340.0, per_metre=30.0, noise=0.045,
+                    seed=seed)
+    rising = [
+        make_wire((22.0, 0.0, 10.0 - 0.5 * k), (29.6, 0.0, 10.7 - 0.5 * k), c=340.0,
+                  per_metre=30.0, noise=0.045, seed=seed + 10 * k) for k in range(5)
+    ]
+    points = np.vstack([own, *rising])
+    curve = make_curve(points, np.arange(len(own)), tolerance=0.18)
+    (grown,) = extend(points, make_index(points), [curve], SETTINGS)
+    assert grown.position(grown.high)[0, 0] < 23.5
+    assert grown.length > 20.0
+
+
 def test_halves_of_one_conductor_grow_into_each_other():
     points = make_line(per_metre=20.0)
     halves = [

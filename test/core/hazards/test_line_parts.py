@@ -248,6 +248,18 @@ def test_a_few_leaves_in_line_are_no_piece_of_a_wire(num, is_wire):
     assert bool(raise_hazards(leaves)) != is_wire
 
 
+@pytest.mark.parametrize(('num', 'own'), [(3, True), (12, False)])
+def test_a_few_points_of_the_next_span_are_of_it_however_far_a_rule_reaches(num, own):
+    model = fit_model(open_start=False, open_end=False)
+    x = np.linspace(112.6, 114.4, num)
+    points = np.column_stack([x, np.full(num, 0.5), np.full(num, 11.0)])
+    near = find_nearby(points, [model], 40.0)
+    parts = find_line_parts(
+        points[near.index], near.distance, near.span, [model], DoubtfulCurves(), 30.0
+    )
+    assert parts.own.tolist() == [own] * num
+
+
 @pytest.mark.parametrize(('num', 'own'), [(6, True), (12, False)])
 def test_a_few_points_of_the_next_span_are_no_hazard(num, own):
     model = fit_model(open_start=False, open_end=False)

@@ -98,6 +98,20 @@ def test_a_little_more_of_the_same_is_not_fresh_until_it_is_quiet():
     assert planner.plan(voxels, (), vehicle) is not None
 
 
+def test_where_a_hazard_waits_to_be_seen_again_anything_new_is_looked_at():
+    voxels = make_map(make_block(0, 0, num=4000))
+    planner, vehicle = WindowPlanner(4.0), np.array([5.0, 5.0, 20.0])
+    assert planner.plan(voxels, (), vehicle) is not None
+    waiting, elsewhere = np.array([[5.0, 5.0, 3.0]]), np.array([[95.0, 5.0, 3.0]])
+    OwedCells.look_again(voxels.cells, waiting)
+    assert planner.plan(voxels, (), vehicle) is None  # nothing came in
+    voxels.insert(make_block(0, 0, num=100, seed=1))
+    OwedCells.look_again(voxels.cells, elsewhere)
+    assert planner.plan(voxels, (), vehicle) is None
+    OwedCells.look_again(voxels.cells, waiting)
+    assert copy(voxels, planner.plan(voxels, (), vehicle)).holds(waiting).all()
+
+
 def test_whatever_is_new_about_the_vehicle_is_looked_at():
     """A wire beside it is little in a cell of a house that was seen before."""
     voxels = make_map(make_block(0, 0, num=4000))

@@ -113,6 +113,18 @@ def test_ends_that_are_seen_short_of_their_pole_go_on_to_it():
     np.testing.assert_allclose(beyond, [0.8] * 3, atol=0.3)
 
 
+@pytest.mark.parametrize(('num_wires', 'last'), [(1, 96.0), (3, 94.0)])
+def test_ends_that_are_seen_far_short_of_their_pole_go_on_to_it(num_wires, last):
+    offsets = (0.0,) if num_wires == 1 else (-1.2, 0.0, 1.2)
+    points, label = make_line(spans=(100.0,), offsets=offsets)
+    keep = (label != 14) | (points[:, 0] < last)
+    supports, closed, _ = place(points[keep], label[keep], num_wires=num_wires)
+    assert len(supports) == 2
+    np.testing.assert_allclose(supports[1].position[:2], [100.0, 0.0], atol=0.2)
+    beyond = [more for (_, side), (more, _) in closed.items() if side == 1]
+    np.testing.assert_allclose(beyond, [100.0 - last] * num_wires, atol=0.7)
+
+
 def test_a_tree_below_the_conductors_does_not_hold_them():
     points, label = make_line(poles=False, more=[make_tree(100.0, 0.0, 11.0)])
     supports, _, mask = place(points, label)
