@@ -201,6 +201,19 @@ def test_a_steep_straight_bar_is_a_stay_and_a_level_one_is_not():
     assert judge([make_bar(12.0, 12.5)]) == ['']
 
 
+@pytest.mark.parametrize(('share', 'expected'), [(0.6, STAY), (0.4, UNPROVEN)])
+def test_what_is_surely_straight_and_more_cluttered_than_free_is_a_beam_of_stays(share, expected):
+    """The jib of a crane that was seen in few points."""
+    rng = np.random.default_rng(4)
+    around = [
+        np.column_stack([rng.uniform(x, x + 1.0, 25), rng.uniform(-0.5, 0.5, 25),
+                         rng.uniform(10.8, 12.4, 25)])
+        for x in rng.permutation(60)[: int(share * 60)]
+    ]
+    bars = [make_bar(17.5, 13.5, 20.0, 38.0), make_bar(12.0, 12.0, 0.0, 60.0)]
+    assert judge(bars, around) == [expected, UNPROVEN]
+
+
 @pytest.mark.parametrize(('last', 'expected'), [(14.0, STAY), (21.7, '')])
 def test_what_was_believed_is_a_stay_once_another_one_is_seen(last, expected):
     bars = [make_bar(22.0, 18.0), make_bar(22.0, last, y=2.0 if not expected else 0.0)]
