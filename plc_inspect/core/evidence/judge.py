@@ -248,15 +248,14 @@ class Judge:
             self.verdicts[number].free.wide >= FREE_SHARE * self.curves[number].length
             for number in numbers
         ], dtype=bool)
-        beams = [self.curves[number] for number in numbers if self._is_beam(number)]
-        stays = find_stays(curves, straight | deep, beams) | steep
-        stays |= find_fans(curves, straight, free & ~deep)
+        beams = [number for number in numbers if self._is_beam(number, proofs[number])]
         solid = [
-            curve for number, curve in zip(numbers, curves, strict=True)
-            if self._is_beam(number) and curve.length >= self._settings.min_evidence
-            and self.verdicts[number].free.wide <= -SOLID * curve.length
+            self.curves[number] for number in beams
+            if self.curves[number].length >= self._settings.min_evidence
+            and self.verdicts[number].free.wide <= -SOLID * self.curves[number].length
         ]
-        stays |= find_chords(curves, solid)
+        stays = find_stays(curves, straight | deep, [self.curves[k] for k in beams]) | steep
+        stays |= find_fans(curves, straight, free & ~deep) | find_chords(curves, solid)
         for number in np.array(numbers, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
@@ -274,10 +273,10 @@ class Judge:
             self._points, self._index, curves, self.wire, self._settings, below
         )
 
-    def _is_beam(self, number: int) -> bool:
-        """Whether a curve is straight and part of something solid."""
+    def _is_beam(self, number: int, proof: float) -> bool:
+        """Whether a curve, of whose sag there is a proof, is straight and part of a solid."""
         curve, verdict = self.curves[number], self.verdicts[number]
-        proof, share = prove_sag(curve, self._settings), verdict.free.wide / curve.length
+        share = verdict.free.wide / curve.length
         if not verdict.objection or not math.isfinite(share):
             return False
         solid = share <= -BEAM_CLUTTER and curve.fit.c > STRAIGHTEST
