@@ -83,8 +83,13 @@ them a kink [m].
 Source: measured: slender trees that passed for poles on random scenes rose 3.4 and 3.8 m above,
 poles of four real clouds at most 1.8 m.
 """
+LEAST_SIGMA = 1e-6
+"""Standard deviation of a bend, at least.  Source: numerical: avoids a division by 0."""
+
 HIGHEST = 62
 """Metres above ground that are told apart.  Source: numerical: bits of an integer."""
+
+Lack = tuple[float, float]  # of the bend that a support gives, as a slope, and its sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,16 +256,22 @@ def _cut(
     x, _ = curve.local_place(pole.position)
     if not curve.low + least < x < curve.high - least or not pole.holds(curve):
         return [curve]
-    if rises and _is_unbent(points, curve, x):
+    if rises and are_unbent([_measure_lack(points, curve, x)]):
         return [curve]
     return cut_curve(points, curve, pole.position)
 
 
-def _is_unbent(points: Float64, curve: Curve, x: float) -> bool:
-    """Tell whether a curve surely lacks the bend that it had if it hung at x [m]."""
+def are_unbent(lacks: Sequence[Lack]) -> bool:
+    """Tell whether curves, L > 0 taken together, surely lack the bend of a support [-]."""
+    lack, sigma = np.array(lacks).T
+    sure = 1.0 / np.maximum(sigma, LEAST_SIGMA) ** 2
+    return float(lack @ sure / sure.sum()) > MIN_RISE + TURN_SIGMAS / math.sqrt(float(sure.sum()))
+
+
+def _measure_lack(points: Float64, curve: Curve, x: float) -> Lack:
+    """Measure by how much less a curve is bent at x [m] than if it hung there, in two spans."""
     bend, sigma = measure_bend(points, curve, x)
-    lack = 0.5 * curve.length * float(curve.fit.shape[2]) - bend
-    return lack > MIN_RISE + TURN_SIGMAS * sigma
+    return 0.5 * curve.length * float(curve.fit.shape[2]) - bend, sigma
 
 
 def _find_end(

@@ -13,8 +13,8 @@ from plc_inspect.config import SupportSettings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.cutting import cut_curve, measure_bend
 from plc_inspect.core.numerics.disjoint_sets import unite
-from plc_inspect.core.spans.joints import Joint, MIN_RISE, TURN_SIGMAS
-from plc_inspect.core.spans.standing_poles import ARM, StandingPole
+from plc_inspect.core.spans.joints import Joint
+from plc_inspect.core.spans.standing_poles import are_unbent, ARM, Lack, StandingPole
 from plc_inspect.results import Float64
 
 PARALLEL = math.radians(15.0)
@@ -37,10 +37,6 @@ SKEW = 0.3
 Attachments lie apart along the line by this share of what they do across it, or less.
 Source: judgement; not measured.
 """
-LEAST_SIGMA = 1e-6
-"""Standard deviation of a bend, at least.  Source: numerical: avoids a division by 0."""
-
-Lack = tuple[float, float]  # of the bend that a support gives, as a slope, and its sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,9 +161,9 @@ def _find_ceiling(attachments: Float64, poles: Sequence[StandingPole]) -> float:
 
 def _choose_bent(lacks: dict[int, Lack], *, is_alone: bool) -> set[int]:
     """Return which of the curves that pass a support may hang there; ``is_alone``: one joint."""
-    if is_alone and lacks and _are_unbent(list(lacks.values())):
+    if is_alone and lacks and are_unbent(list(lacks.values())):
         return set()
-    return {number for number, lack in lacks.items() if not _are_unbent([lack])}
+    return {number for number, lack in lacks.items() if not are_unbent([lack])}
 
 
 def _measure_passing(
@@ -230,10 +226,3 @@ def _measure_lack(
         bends.append(min(by_length, joint.kink * 2 * own / total))
     bend, sigma = measure_bend(points, curve, x)
     return float(np.median(bends)) - bend, sigma
-
-
-def _are_unbent(lacks: Sequence[Lack]) -> bool:
-    """Tell whether curves, at least one, taken together surely lack the bend of a support."""
-    lack, sigma = np.array(lacks).T
-    sure = 1.0 / np.maximum(sigma, LEAST_SIGMA) ** 2
-    return float(lack @ sure / sure.sum()) > MIN_RISE + TURN_SIGMAS / math.sqrt(float(sure.sum()))
