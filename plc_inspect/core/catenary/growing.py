@@ -102,7 +102,7 @@ the median, ln(100 / ln 2), and at most 6 times in 78 % of cases, exp(-100 exp(-
 """
 SUPPORT_KINK = 0.1
 """
-A curve that has such a kink where it grew, as at a support, has not grown.
+A curve whose slope falls by so much where it grew, as at a support, has not grown [-].
 Source: measured: on random scenes from -0.08 to 0.16 where parts of one conductor are mislaid, and
 -0.25 to -0.31 where conductors of a rack grew into others of the next span.
 """

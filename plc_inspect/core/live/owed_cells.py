@@ -17,6 +17,18 @@ Source: derived: those within the range of a Puck Lite on one side of a line, 10
 """
 
 
+def look_again(cells: CellIndex, places: Float64) -> None:
+    """
+    Make cells new again in which hazards wait to be seen once more, (W, 2+) places [m].
+
+    A cell that is well known grows by too little to be looked at; where anything came in it is,
+    so that a hazard is raised while the vehicle is near.
+    """
+    found = np.unique(cells.find(cells.locate(places)))
+    found = found[found >= 0]
+    cells.renew(found[cells.num_new[found] > 0])
+
+
 class OwedCells:
     """
     Keeps the cells of ticks that failed, or whose hazards were held back; for one thread.
@@ -48,18 +60,6 @@ class OwedCells:
             cells.renew(cells.find(np.array(again, dtype=np.int64)))
         # the last at first then: some are not worth a look any more, and must not bar the others
         self._owed = {place: self._owed[place] for place in again} | self._owed
-
-    @staticmethod
-    def look_again(cells: CellIndex, places: Float64) -> None:
-        """
-        Make cells new again in which hazards wait to be seen once more, (W, 2+) places [m].
-
-        A cell that is well known grows by too little to be looked at; where anything came in it
-        is, so that a hazard is raised while the vehicle is near.
-        """
-        found = np.unique(cells.find(cells.locate(places[:, :2])))
-        found = found[found >= 0]
-        cells.renew(found[cells.num_new[found] > 0])
 
     def _owe(self, failed: bool) -> None:
         for place in self._looking:

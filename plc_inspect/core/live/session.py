@@ -81,7 +81,7 @@ class LiveState:
     supports: tuple[Support, ...] = ()
     hazards: tuple[Hazard, ...] = ()
     awaited: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
-    """(W, 3) where hazards are that wait to be seen again [m]."""
+    """(W, 3) where hazards are that wait to be seen again [m]; none while all are held back."""
     sharpness: Sharpness = field(default_factory=Sharpness)
     """Of the map; hazards are held back where it is poor."""
     corridor: CorridorPoints
@@ -148,7 +148,7 @@ class Session:
             spans=self._registry.spans,
             supports=self._supports.supports,
             hazards=() if sharpness.poor else self._hazards.hazards,
-            awaited=self._hazards.awaited,
+            awaited=np.zeros((0, 3)) if sharpness.poor else self._hazards.awaited,
             sharpness=sharpness,
             corridor=self._corridor,
             around=self._surroundings.known,

@@ -12,7 +12,7 @@ from spans import make_span, sample_points
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.corridor_points import map_numbers
-from plc_inspect.core.live.owed_cells import MOST_FAILURES, MOST_RENEWED, OwedCells
+from plc_inspect.core.live.owed_cells import look_again, MOST_FAILURES, MOST_RENEWED, OwedCells
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import (
     CLOSE,
@@ -103,12 +103,12 @@ def test_where_a_hazard_waits_to_be_seen_again_anything_new_is_looked_at():
     planner, vehicle = WindowPlanner(4.0), np.array([5.0, 5.0, 20.0])
     assert planner.plan(voxels, (), vehicle) is not None
     waiting, elsewhere = np.array([[5.0, 5.0, 3.0]]), np.array([[95.0, 5.0, 3.0]])
-    OwedCells.look_again(voxels.cells, waiting)
+    look_again(voxels.cells, waiting)
     assert planner.plan(voxels, (), vehicle) is None  # nothing came in
     voxels.insert(make_block(0, 0, num=100, seed=1))
-    OwedCells.look_again(voxels.cells, elsewhere)
+    look_again(voxels.cells, elsewhere)
     assert planner.plan(voxels, (), vehicle) is None
-    OwedCells.look_again(voxels.cells, waiting)
+    look_again(voxels.cells, waiting)
     assert copy(voxels, planner.plan(voxels, (), vehicle)).holds(waiting).all()
 
 
