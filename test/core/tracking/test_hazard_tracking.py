@@ -51,10 +51,13 @@ def test_nothing():
 def test_life_of_a_hazard():
     book = HazardBook()
     first = make_hazard((10, 0, 5))
+    assert book.awaited.shape == (0, 3)
     assert tick(book, first).raised == ()
     assert book.hazards == ()
+    np.testing.assert_array_equal(book.awaited, [[10, 0, 5]])
     news = tick(book, first)
     assert [item.hazard_id for item in news.raised] == [0]
+    assert len(book.awaited) == 0
     for _ in range(5):  # it stands, and follows its place
         news = tick(book, make_hazard((10.4, 0, 5), clearance=2.9))
         assert (news.raised, news.updated, news.cleared) == ((), (), ())
