@@ -30,6 +30,16 @@ def make_wires(num=5, apart=1.0, c=900.0, length=34.0, rise=0.0, turn=0.0, noise
     ]
 
 
+def judge_all(wires):
+    """Judge the curves of wires, each of all its points."""
+    points = np.vstack(wires)
+    numbers = np.split(np.arange(len(points)), np.cumsum([len(wire) for wire in wires])[:-1])
+    curves = [make_curve(points, own, tolerance=0.3) for own in numbers]
+    judge = Judge(points, make_index(points), make_sight(EVERYWHERE), curves, SETTINGS)
+    judge.decide()
+    return judge
+
+
 def test_sags_that_agree_add_up():
     curves = make_wires()
     proofs = [prove_sag(curve, SETTINGS) for curve in curves]
@@ -100,3 +110,24 @@ def test_blurred_wires_that_are_free_but_for_each_other_are_believed(c, seen, nu
     judge = Judge(points, make_index(points), sight, curves, SETTINGS)
     judge.decide()
     assert len(judge.believed) == num
+
+
+def test_a_wire_doubled_as_strips_lie_askew_is_believed_beside_another():
+    rng = np.random.default_rng(4)
+    wires = [make_wire((0.0, y, 20.0), (50.0, y, 20.0), 240.0, noise=0.03, per_metre=9.0, seed=k)
+             for k, y in enumerate((0.0, 0.47))]
+    for wire, askew in zip(wires, (0.18, 0.26), strict=True):
+        wire[:, 1] += askew * rng.integers(0, 2, len(wire))
+    judge = judge_all(wires)
+    assert [is_thick(curve) for curve in judge.curves] == [False, True]
+    assert len(judge.believed) == 2
+
+
+def test_what_is_left_about_a_wire_is_no_other_one():
+    rng = np.random.default_rng(4)
+    wire = make_wire((0.0, 0.0, 20.0), (50.0, 0.0, 20.0), 240.0, noise=0.03, per_metre=20.0)
+    rest = make_wire((0.0, 0.0, 20.0), (50.0, 0.0, 20.3), 300.0, per_metre=2.0)
+    rest[:, 2] += rng.normal(0.0, 0.14, len(rest))
+    judge = judge_all([wire, rest])
+    assert [is_thick(curve) for curve in judge.curves] == [False, True]
+    assert len(judge.believed) == 1
