@@ -97,7 +97,8 @@ def find_layout(
     """
     def meet() -> tuple[tuple[Joint, ...], tuple[tuple[Joint, ...], ...]]:
         joints = find_joints(curves, settings.max_reach)
-        return _drop_weak(join_at_poles(curves, joints, poles, settings.radius), settings)
+        joints = join_at_poles(curves, joints, poles, settings.radius)
+        return _drop_weak(curves, joints, settings)
 
     believed = cut_at_poles(points, curves, poles, settings.min_span / 2)
     believed = cut_together(points, believed, settings.width, settings.min_span / 2)
@@ -185,9 +186,13 @@ def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-unt
 
 
 def _drop_weak(
-    joints: Sequence[Joint], settings: SupportSettings
+    curves: Sequence[Curve], joints: Sequence[Joint], settings: SupportSettings
 ) -> tuple[tuple[Joint, ...], tuple[tuple[Joint, ...], ...]]:
-    """Drop the joints of a support that stands nearer than min_span to a better proven one."""
+    """
+    Drop the joints of a support that a better proven one stands in place of.
+
+    That is nearer than min_span, or more conductors meet at it in a gap of all that meet here.
+    """
     groups = sorted(
         group_joints(joints, settings),
         key=lambda group: (-len(group), sum(joint.cost for joint in group)),
@@ -199,8 +204,12 @@ def _drop_weak(
         for other in stations:
             apart = own.position - other.position
             along = apart[0] * math.cos(other.direction) + apart[1] * math.sin(other.direction)
+            is_near = abs(along) < settings.min_span or (
+                len(other.attachments) > len(group)
+                and all(_is_in_gap(curves, joint, other.position) for joint in group)
+            )
             if (
-                abs(along) < settings.min_span
+                is_near
                 and float(np.linalg.norm(apart)) < settings.width
                 and abs(math.sin(own.direction - other.direction)) < math.sin(PARALLEL)
             ):
@@ -210,6 +219,15 @@ def _drop_weak(
             stations.append(own)
     believed = {id(joint) for group in kept for joint in group}
     return tuple(joint for joint in joints if id(joint) in believed), tuple(kept)
+
+
+def _is_in_gap(curves: Sequence[Curve], joint: Joint, position: Float64) -> bool:
+    """Tell whether a place (2,) lies between what was seen of the two curves of a joint."""
+    beyond = [
+        (curve.local_place(position)[0] - (curve.high if side > 0 else curve.low)) * side
+        for curve, side in zip((curves[k] for k in joint.curves), joint.sides, strict=True)
+    ]
+    return min(beyond) > 0.0
 
 
 def _station_ahead(

@@ -179,6 +179,28 @@ def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
     assert at[:, 0].max() == pytest.approx(90.0, abs=0.5)
 
 
+@pytest.mark.parametrize('offsets', [(-3.0, 3.0), (-3.0,)])
+def test_a_conductor_seen_far_from_its_support_hangs_where_more_of_its_neighbours_do(offsets):
+    points, curves = make_route([(0, 0), (120, 0), (240, 0)], offsets=offsets, c=900.0)
+    spans = (
+        make_wire((0.0, 0.0, 24.0), (120.0, 0.0, 24.0), c=3000.0, seed=8),
+        make_wire((120.0, 0.0, 25.0), (240.0, 0.0, 24.0), c=3000.0, seed=9),
+    )
+    earth = np.vstack([spans[0][spans[0][:, 0] < 95.0], spans[1][spans[1][:, 0] > 155.0]])
+    for part in (earth[:, 0] < 120.0, earth[:, 0] > 120.0):
+        curves.append(make_curve(np.vstack([points, earth]), len(points) + np.flatnonzero(part)))
+    layout = find_layout(np.vstack([points, earth]), curves, (), SETTINGS)
+    if len(offsets) == 1:  # as good as the other
+        assert len(layout.stations) == 2
+        return
+    (station,) = layout.stations
+    np.testing.assert_allclose(station.position, [120.0, 0.0], atol=0.5)
+    for number, curve in enumerate(layout.curves):
+        ends = layout.start_x[number], layout.end_x[number]
+        at = [curve.position(x)[0, 0] for x in ends]
+        assert min(abs(np.array(at) - 120.0)) < 0.5
+
+
 @pytest.mark.parametrize('start', [85.0, 90.5])
 def test_a_short_piece_hangs_with_its_nearer_end(start):
     points, curves = make_route([(0, 0), (90, 0), (180, 0)])
