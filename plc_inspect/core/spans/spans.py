@@ -164,7 +164,7 @@ def copy_labels(spans: SpanResult) -> SpanResult:
     """Return spans whose labels may be changed without changing those given."""
     return replace(
         spans, line_id=spans.line_id.copy(), span_id=spans.span_id.copy(),
-        residual=spans.residual.copy(),
+        residual=spans.residual.copy(), support=spans.support.copy(),
     )
 
 

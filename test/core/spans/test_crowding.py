@@ -10,7 +10,7 @@ from toys import make_line_cloud, make_tree
 from plc_inspect.core.catenary.profile import CROWD_LENGTH
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.spans import point_claims
-from plc_inspect.core.spans.point_claims import find_intruders
+from plc_inspect.core.spans.point_claims import find_held, find_intruders
 from plc_inspect.results import PointClass
 
 TOLERANCE = 0.12
@@ -61,6 +61,39 @@ def test_nothing_is_given_back_without_a_crown_or_without_free_parts():
     ).any()
     none = np.zeros(0)
     assert find_intruders(none, none, none > 0, none > 0, TOLERANCE).tolist() == []
+
+
+def make_pin(num=150, at=30.0, radius=0.12, sigma=0.02, per_metre=20.0, seed=0):
+    """Make 30 m of conductor and a pin at its end or elsewhere on it; truth last."""
+    rng = np.random.default_rng(seed)
+    count = int(30 * per_metre)
+    wire = np.column_stack([rng.uniform(0, 30, count), rng.normal(0, sigma, (count, 2))])
+    away, turn = radius * np.sqrt(rng.uniform(0, 1, num)), rng.uniform(0, 2 * np.pi, num)
+    pin = np.column_stack([
+        at + rng.uniform(-0.15, 0.15, num), away * np.cos(turn), away * np.sin(turn),
+    ])
+    points = np.vstack([wire, pin])
+    distance = np.hypot(points[:, 1], points[:, 2])
+    return np.abs(points[:, 0]), distance, distance <= TOLERANCE, np.arange(len(points)) < count
+
+
+@pytest.mark.parametrize('at', [0.0, 30.0])
+@pytest.mark.parametrize('seed', range(5))
+def test_a_pin_on_a_conductor_is_its_supports(at, seed):
+    along, distance, own, is_wire = make_pin(at=at, seed=seed)
+    held = find_held(along, distance, own, 30.0, (True, True))
+    assert held[own & ~is_wire].mean() > 0.7
+    assert (held & is_wire).sum() <= 3
+    assert not find_held(along, distance, own, 30.0, (at > 0.0, at == 0.0)).any()  # open there
+
+
+@pytest.mark.parametrize('changes', [{'num': 0}, {'at': 15.0}, {'num': 5}])
+@pytest.mark.parametrize('seed', range(5))
+def test_no_support_is_where_no_more_points_are_than_elsewhere(changes, seed):
+    along, distance, own, _ = make_pin(seed=seed, **changes)
+    assert not find_held(along, distance, own, 30.0, (True, True)).any()
+    along, distance, own, _ = make_pin(per_metre=0.5, seed=seed)  # too few to tell
+    assert not find_held(along, distance, own, 30.0, (True, True)).any()
 
 
 def test_a_crown_about_a_conductor_keeps_its_leaves(monkeypatch):
