@@ -28,16 +28,17 @@ from plc_inspect.core.catenary.curve_row import (
     ORIGIN_Y,
     see_above,
     see_beside,
+    sigma_of,
     SIN,
     to_local,
     TOLERANCE,
 )
-from plc_inspect.core.catenary.profile import profile_row, STEP
+from plc_inspect.core.catenary.profile import profile_own, profile_row, STEP
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.layout import Layout
-from plc_inspect.results import Float32, Float64, Int64
+from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MISFIT_PARTS = 20
 """
@@ -68,6 +69,31 @@ Source: derived: 1 / 0.6745, the third quartile of the normal distribution.
 """
 LEAST_FREEDOM = 3
 """Degrees of freedom, at least, from which a misfit is told.  Source: judgement; not measured."""
+ASTRAY = 0.5
+"""
+Points of a conductor lie this far from its curve beyond an open end, where a map drifts [m].
+Source: derived: as beside it between its ends, `point_claims.STRAY_RADIUS`.
+"""
+ASTRAY_SHARE, ASTRAY_CHANCE = 0.1, 1.0
+"""
+At most this share of those, and this number, lies about them, to 1.6 times as far.
+Source: derived: `point_claims.FREE_SHARE`; of what fills the air it is 1.56 times as many.
+"""
+ASTRAY_DENSITY = 0.3
+"""
+Points a metre there, at least, by those of the conductor before.
+Source: judgement: conductors fade out at the edge of a cloud; leaves beyond an end are fewer.
+"""
+ASTRAY_GAP, ASTRAY_REACH = 3, 30
+"""
+Metres without a point over which those are followed, and how far [m].
+Source: judgement: the gaps of a conductor seen in few places; numerical: a bound of time.
+"""
+ASTRAY_SIGMAS = 3.0
+"""
+They are followed as far as the curve is known to ASTRAY, by so many standard deviations.
+Source: derived: 0.3 % of normal errors lie beyond.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,6 +198,66 @@ def collect_points(
     rows = pack_curves([cut.curve for cut in finals])
     grid = index.grid
     return call_each(lambda k: _collect(points, grid, rows[k], ends[k]), len(finals))
+
+
+def follow_strays(
+    points: Float64, index: PlanIndex, cut: CutCurve, side: int, wire: Bool, per_metre: float
+) -> tuple[float, Int64, Float32]:
+    """
+    Follow a conductor beyond an open end, where drift puts its points beside its curve.
+
+    It goes on as far as the points near the extrapolated curve are as dense as those before it,
+    in the mean, and have air about them.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    cut : CutCurve
+        The curve of the span.
+    side : int
+        1 for its high end, -1 for its low one.
+    wire : (N,) bool
+        Points of conductors, which neither count nor are about it.
+    per_metre : float
+        Points of the conductor [1/m].
+
+    Returns
+    -------
+    beyond : float
+        How far it goes on [m], 0 for no farther.
+    chosen : (K,) int64
+        Points of it there, ascending.
+    distance : (K,) float32
+        Of them from the curve [m].
+
+    """
+    row = pack_curves([cut.curve])[0]
+    row[TOLERANCE] = ASTRAY
+    end = cut.high if side > 0 else cut.low
+    reach = ASTRAY_REACH
+    while reach and ASTRAY_SIGMAS * sigma_of(row, end + side * reach) > ASTRAY:
+        reach -= 1
+    ends = sorted((end, end + side * reach))
+    owner = np.where(wire, np.int32(0), np.int32(-1))
+    core, shell, chosen, distance = profile_own(
+        points, index.grid, row, ends[0], ends[1], STEP, np.zeros(0, dtype=bool), owner,
+        np.ones(1, dtype=bool),
+    )
+    core, shell = core[::side], shell[::side]
+    total = core.cumsum()
+    good = (core > 0) & (shell.cumsum() <= ASTRAY_SHARE * total + ASTRAY_CHANCE)
+    good &= total >= ASTRAY_DENSITY * per_metre * STEP * np.arange(1, len(core) + 1)
+    seen = np.flatnonzero(core > 0)
+    seen = seen[: int(np.argmax(np.append(np.diff(seen, prepend=-1) > ASTRAY_GAP, True)))]
+    last = seen[good[seen]]
+    if not len(last):
+        return 0.0, chosen[:0], distance[:0]
+    ahead = (cut.curve.local(points[chosen])[0] - end) * side
+    kept = ahead <= (last[-1] + 1) * STEP
+    return float(ahead[kept].max()), chosen[kept], distance[kept]
 
 
 def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[CutCurve]) -> Float64:

@@ -19,7 +19,13 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.attachments import settle_ends
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.route import Route
-from plc_inspect.core.spans.span_fit import collect_points, fit_spans, measure_coverage
+from plc_inspect.core.spans.span_fit import (
+    collect_points,
+    CutCurve,
+    fit_spans,
+    follow_strays,
+    measure_coverage,
+)
 from plc_inspect.core.spans.span_model import FittedSpan, model_span, SpanModel
 from plc_inspect.core.spans.supports import place_supports
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
@@ -124,12 +130,22 @@ def build_spans(
         cloud, wire, layout, route, finals, end_sigma, kept
     )
     for (number, side), (beyond, deviation) in closed.items():
-        cut = finals[number]
-        finals[number] = (
-            replace(cut, high=cut.high + beyond) if side > 0
-            else replace(cut, low=cut.low - beyond)
-        )
+        finals[number] = _lengthen(finals[number], side, beyond)
         end_sigma[number, (side + 1) // 2] = deviation
+    is_open = {
+        (number, side): station[number] < 0 and (number, side) not in closed
+        for number in kept
+        for side, station in ((-1, layout.start_station), (1, layout.end_station))
+    }
+    for number, side in (key for key, value in is_open.items() if value):
+        cut = finals[number]
+        beyond, chosen, distance = follow_strays(
+            points, index, cut, side, line_id >= 0, len(own[number]) / (cut.high - cut.low)
+        )
+        finals[number] = _lengthen(cut, side, beyond)
+        line_id[chosen], span_id[chosen] = route.line_id[number], route.span_id[number]
+        residual[chosen] = distance
+        own[number] = np.union1d(own[number], chosen)
     coverage = measure_coverage(points, index, finals)
     found = []
     for number in kept:
@@ -137,10 +153,7 @@ def build_spans(
             cut=finals[number],
             points=own[number],
             reverse=route.reverse[number],
-            is_open=(
-                layout.start_station[number] < 0 and (number, -1) not in closed,
-                layout.end_station[number] < 0 and (number, 1) not in closed,
-            ),
+            is_open=(is_open[number, -1], is_open[number, 1]),
             line_id=route.line_id[number],
             span_id=route.span_id[number],
             coverage=float(coverage[number]),
@@ -154,10 +167,16 @@ def build_spans(
         line_id=line_id,
         span_id=span_id,
         residual=residual,
-        support=support_mask & ~wire,
+        support=support_mask & (line_id < 0),
         ground_below=tuple(measure_ground_below(cloud.height, model) for model in models),
         intruders=np.zeros(0, dtype=np.int64),
     )
+
+
+def _lengthen(cut: CutCurve, side: int, beyond: float) -> CutCurve:
+    if side > 0:
+        return replace(cut, high=cut.high + beyond)
+    return replace(cut, low=cut.low - beyond)
 
 
 def copy_labels(spans: SpanResult) -> SpanResult:

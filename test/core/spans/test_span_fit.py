@@ -11,6 +11,7 @@ from plc_inspect.core.spans.span_fit import (
     collect_points,
     CutCurve,
     fit_spans,
+    follow_strays,
     measure_coverage,
     pack_ends,
 )
@@ -114,3 +115,60 @@ def test_no_curves():
     assert collect_points(points, make_index(points), [], 0.3) == []
     assert measure_coverage(points, make_index(points), []).shape == (0,)
     assert pack_ends([]).shape == (0, 2)
+
+
+def follow(beyond, per_metre=4.0, side=1, wire=None):
+    """Follow a conductor of 40 m, with other points beyond it, at one side."""
+    own = make_wire((0.0, 0.0, 20.0), (40.0, 0.0, 20.0), 600.0, noise=0.03, per_metre=per_metre)
+    own[:, 0] = own[:, 0] if side > 0 else -own[:, 0]
+    beyond = np.array(beyond, dtype=np.float64).reshape(-1, 3)
+    beyond[:, 0] *= side
+    points = np.vstack([own, beyond])
+    curve = make_curve(points, np.arange(len(own)))
+    on = np.arange(len(points)) < len(own)
+    if wire is not None:
+        on[len(own):] = wire
+    far, chosen, distance = follow_strays(
+        points, make_index(points), CutCurve(curve=curve, low=curve.low, high=curve.high),
+        1 if abs(curve.position(curve.high)[0, 0]) > 20.0 else -1, on, per_metre,
+    )
+    assert len(chosen) == len(distance)
+    assert (chosen >= len(own)).all()
+    assert (np.diff(chosen) > 0).all()
+    return far, len(chosen)
+
+
+def make_beyond(start=40.0, length=12.0, aside=0.3, per_metre=4.0, seed=5):
+    """Make points of the same conductor beyond 40 m, beside its curve."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(start, start + length, int(length * per_metre))
+    z = 20.0 + 600.0 * (np.cosh((x - 20.0) / 600.0) - np.cosh(20.0 / 600.0))
+    return np.column_stack([x, np.full(len(x), aside), z + rng.normal(0.0, 0.03, len(x))])
+
+
+@pytest.mark.parametrize('side', [1, -1])
+@pytest.mark.parametrize('aside', [0.0, -0.3])
+def test_a_conductor_that_drifts_off_its_curve_is_followed(side, aside):
+    far, num = follow(make_beyond(aside=aside), side=side)
+    assert far == pytest.approx(12.0, abs=0.6)
+    assert num == 48
+
+
+@pytest.mark.parametrize('beyond', [
+    [],
+    make_beyond(aside=0.7),  # another one beside it
+    make_beyond(start=44.5),  # not seen in between
+    make_beyond(per_metre=0.4),  # much thinner
+])
+def test_no_conductor_is_followed_where_none_goes_on(beyond):
+    assert follow(beyond) == (0.0, 0)
+
+
+def test_no_conductor_is_followed_into_a_crown_or_another_one():
+    rng = np.random.default_rng(6)
+    for per_metre in (3.0, 30.0):
+        crown = rng.uniform((40.0, -3.0, 17.0), (50.0, 3.0, 23.0), (int(60 * 6 * per_metre), 3))
+        far, num = follow(crown)
+        assert far < 2.0
+        assert num < 5
+    assert follow(make_beyond(), wire=True) == (0.0, 0)
