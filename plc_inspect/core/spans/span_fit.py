@@ -33,6 +33,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TOLERANCE,
 )
+from plc_inspect.core.catenary.growing import GAP_RATIO
 from plc_inspect.core.catenary.profile import profile_own, profile_row, STEP
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
@@ -76,7 +77,8 @@ Source: derived: as beside it between its ends, `point_claims.STRAY_RADIUS`.
 """
 ASTRAY_SHARE, ASTRAY_CHANCE = 0.1, 1.0
 """
-At most this share of those, and this number, lies about them, to 1.6 times as far.
+At most this share of those, and this number, lies about them, to 1.6 times as far; and so many
+of them may lack where they are thinner than ASTRAY_DENSITY.
 Source: derived: `point_claims.FREE_SHARE`; of what fills the air it is 1.56 times as many.
 """
 ASTRAY_DENSITY = 0.3
@@ -86,8 +88,9 @@ Source: judgement: conductors fade out at the edge of a cloud; leaves beyond an 
 """
 ASTRAY_GAP, ASTRAY_REACH = 3, 30
 """
-Metres without a point over which those are followed, and how far [m].
-Source: judgement: the gaps of a conductor seen in few places; numerical: a bound of time.
+Metres without a point over which those are followed, or GAP_RATIO times the mean distance of the
+points of the conductor, and how far [m].
+Source: judgement; numerical: a bound of time.
 """
 ASTRAY_SIGMAS = 3.0
 """
@@ -249,9 +252,11 @@ def follow_strays(
     core, shell = core[::side], shell[::side]
     total = core.cumsum()
     good = (core > 0) & (shell.cumsum() <= ASTRAY_SHARE * total + ASTRAY_CHANCE)
-    good &= total >= ASTRAY_DENSITY * per_metre * STEP * np.arange(1, len(core) + 1)
+    least = ASTRAY_DENSITY * per_metre * STEP * np.arange(1, len(core) + 1)
+    good &= total >= least - ASTRAY_CHANCE
     seen = np.flatnonzero(core > 0)
-    seen = seen[: int(np.argmax(np.append(np.diff(seen, prepend=-1) > ASTRAY_GAP, True)))]
+    longest = max(ASTRAY_GAP, GAP_RATIO / per_metre / STEP)
+    seen = seen[: int(np.argmax(np.append(np.diff(seen, prepend=-1) > longest, True)))]
     last = seen[good[seen]]
     if not len(last):
         return 0.0, chosen[:0], distance[:0]
