@@ -24,7 +24,7 @@ from live.hazard_flights import NEAR, VARIANTS
 
 from plc_inspect.config import Settings
 from plc_inspect.core.live.map_labels import make_planner
-from plc_inspect.core.live.owed_cells import look_again, OwedCells
+from plc_inspect.core.live.owed_cells import OwedCells
 from plc_inspect.core.live.session import LiveState, Session, Tick
 from plc_inspect.core.live.window import copy_window, Window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
@@ -77,10 +77,9 @@ class Vehicle:
         """Run a tick over the map as it is; None where nothing is new."""
         spans = [item.span for item in self.state.spans] if self.state else []
         ground = bool(self.state and self.state.around.ground)
-        if self.state is not None:
-            look_again(self.accumulator.map.cells, self.state.awaited)
         plan = self.planner.plan(
-            self.accumulator.map, spans, self.place, at_once=False, ground=ground
+            self.accumulator.map, spans, self.place, at_once=False, ground=ground,
+            waiting=self.state.awaited if self.state else None,
         )
         if plan is None:
             return None

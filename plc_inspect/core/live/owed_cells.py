@@ -8,6 +8,11 @@ import numpy as np
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.results import Float64, Int64
 
+NEAR = 50.0
+"""
+Distance from the vehicle within which growing cells are fresh; others when quiet [m].
+Source: judgement; not measured.
+"""
 MOST_FAILURES = 3
 """Failed ticks after which a cell is given up.  Source: judgement: it may be what fails them."""
 MOST_RENEWED = 30
@@ -17,16 +22,43 @@ Source: derived: those within the range of a Puck Lite on one side of a line, 10
 """
 
 
-def look_again(cells: CellIndex, places: Float64) -> None:
+def add_waiting(
+    cells: CellIndex, fresh: Int64, places: Float64 | None, vehicle: Float64 | None
+) -> Int64:
     """
-    Make cells new again in which hazards wait to be seen once more, (W, 2+) places [m].
+    Return the fresh cells of a tick with those in which hazards wait to be seen once more.
 
-    A cell that is well known grows by too little to be looked at; where anything came in it is,
-    so that a hazard is raised while the vehicle is near.
+    A cell that is well known grows by too little to be looked at, or by nothing where the vehicle
+    has seen all that it can: a hazard is raised while it is near all the same.  What came in in
+    such a cell is enough for a tick; without, it is looked at with others.
+
+    Parameters
+    ----------
+    cells : CellIndex
+        Of the map.
+    fresh : (F,) int64
+        Cells of which enough is new, ascending.
+    places : (W, 2+) float64 or None
+        Where hazards wait [m]; None: nowhere.
+    vehicle : (2+,) float64 or None
+        Where the vehicle is [m]; None: everywhere near.
+
+    Returns
+    -------
+    (G,) int64
+        Ascending.
+
     """
-    found = np.unique(cells.find(cells.locate(places)))
-    found = found[found >= 0]
-    cells.renew(found[cells.num_new[found] > 0])
+    if places is None or not len(places):
+        return fresh
+    waiting = np.unique(cells.find(cells.locate(places)))
+    waiting = waiting[waiting >= 0]
+    if vehicle is not None:
+        apart = np.linalg.norm(cells.centers[waiting] - vehicle[:2], axis=1)
+        waiting = waiting[apart <= NEAR]
+    if not len(fresh) and not cells.num_new[waiting].any():
+        return fresh
+    return np.union1d(fresh, waiting)
 
 
 class OwedCells:

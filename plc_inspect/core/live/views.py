@@ -11,7 +11,7 @@ vehicle has passed a place before there were enough.
 
 import numpy as np
 
-from plc_inspect.core.live.window import NEAR
+from plc_inspect.core.live.owed_cells import NEAR
 from plc_inspect.results import Float64, Int64
 
 VIEW = 10.0

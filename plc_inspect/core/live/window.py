@@ -20,15 +20,11 @@ import math
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.live.owed_cells import add_waiting, NEAR
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Bool, Decision, Float64, Int32, Int64, Span, SpanKey, UInt8
 
-NEAR = 50.0
-"""
-Distance from the vehicle within which growing cells are fresh; others when quiet [m].
-Source: judgement; not measured.
-"""
 GROWTH = 0.1
 """
 Share of new voxels that makes a cell near the vehicle fresh.
@@ -182,7 +178,7 @@ class WindowPlanner:
 
     def plan(
         self, voxels: VoxelMap, spans: Sequence[Span], vehicle: Float64 | None, *,
-        at_once: bool = False, ground: bool = True,
+        at_once: bool = False, ground: bool = True, waiting: Float64 | None = None,
     ) -> WindowPlan | None:
         """
         Choose the window and settle its fresh cells.
@@ -199,6 +195,8 @@ class WindowPlanner:
             Take every high cell with anything new in it.
         ground : bool
             Ground was seen about the vehicle; else the lowest may be wires: each cell is high.
+        waiting : Float64 or None
+            (W, 2+) where hazards wait to be seen again, whose cells are fresh too [m].
 
         Returns
         -------
@@ -208,6 +206,7 @@ class WindowPlanner:
         """
         cells = voxels.cells
         fresh = self._find_fresh(cells, voxels.sequence, vehicle, at_once, ground)
+        fresh = add_waiting(cells, fresh, waiting, vehicle)
         if not len(fresh):
             return None
         index = cells.index

@@ -18,8 +18,7 @@ from sensor_msgs.msg import PointCloud2
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.parts import Part
 from plc_inspect.core.alignment.rigid_move import RigidMove
-from plc_inspect.core.live.owed_cells import OwedCells
-from plc_inspect.core.live.window import NEAR
+from plc_inspect.core.live.owed_cells import NEAR, OwedCells
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.flown_way import FlownWay

@@ -11,7 +11,6 @@ import numba
 
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
-from plc_inspect.core.live.owed_cells import look_again
 from plc_inspect.core.live.session import Kept, LiveState, Session
 from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_pipeline
@@ -68,11 +67,9 @@ def plan_tick(
     planner: WindowPlanner, intake: Intake, state: LiveState | None, at_once: bool
 ) -> WindowPlan | None:
     """Choose the window of a tick, of what the last one found; None when nothing is new."""
-    if state is not None:
-        look_again(intake.accumulator.map.cells, state.awaited)
     return planner.plan(
         intake.accumulator.map, _list_spans(state), intake.vehicle, at_once=at_once,
-        ground=bool(state and state.around.ground),
+        ground=bool(state and state.around.ground), waiting=state.awaited if state else None,
     )
 
 

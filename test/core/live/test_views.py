@@ -5,8 +5,8 @@
 
 import numpy as np
 
+from plc_inspect.core.live.owed_cells import NEAR
 from plc_inspect.core.live.views import VIEW, ViewCounter
-from plc_inspect.core.live.window import NEAR
 
 
 def fly(first, last):

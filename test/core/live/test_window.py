@@ -12,7 +12,7 @@ from spans import make_span, sample_points
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.corridor_points import map_numbers
-from plc_inspect.core.live.owed_cells import look_again, MOST_FAILURES, MOST_RENEWED, OwedCells
+from plc_inspect.core.live.owed_cells import MOST_FAILURES, MOST_RENEWED, OwedCells
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import (
     CLOSE,
@@ -98,18 +98,25 @@ def test_a_little_more_of_the_same_is_not_fresh_until_it_is_quiet():
     assert planner.plan(voxels, (), vehicle) is not None
 
 
-def test_where_a_hazard_waits_to_be_seen_again_anything_new_is_looked_at():
+def test_where_a_hazard_waits_to_be_seen_again_is_looked_at():
     voxels = make_map(make_block(0, 0, num=4000))
     planner, vehicle = WindowPlanner(4.0), np.array([5.0, 5.0, 20.0])
-    assert planner.plan(voxels, (), vehicle) is not None
     waiting, elsewhere = np.array([[5.0, 5.0, 3.0]]), np.array([[95.0, 5.0, 3.0]])
-    look_again(voxels.cells, waiting)
-    assert planner.plan(voxels, (), vehicle) is None  # nothing came in
-    voxels.insert(make_block(0, 0, num=100, seed=1))
-    look_again(voxels.cells, elsewhere)
-    assert planner.plan(voxels, (), vehicle) is None
-    look_again(voxels.cells, waiting)
-    assert copy(voxels, planner.plan(voxels, (), vehicle)).holds(waiting).all()
+
+    def look(places):
+        plan = planner.plan(voxels, (), vehicle, waiting=places)
+        return plan and copy(voxels, plan)
+
+    assert look(None) is not None
+    assert look(waiting) is None  # nothing came in anywhere
+    voxels.insert(make_block(0, 0, num=100, seed=1))  # too little to be looked at by itself
+    assert look(elsewhere) is None
+    assert look(waiting).holds(waiting).all()
+    voxels.insert(make_block(20, 0, num=4000, seed=2))  # where nothing is new, with others
+    assert look(waiting).holds(waiting).all()
+    voxels.insert(make_block(30, 0, num=4000, seed=3))
+    far = np.array([70.0, 5.0, 20.0])
+    assert not copy(voxels, planner.plan(voxels, (), far, waiting=waiting)).holds(waiting).any()
 
 
 def test_whatever_is_new_about_the_vehicle_is_looked_at():
