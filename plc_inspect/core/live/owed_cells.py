@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cells of the map that ticks looked at in vain, so that they are looked at again."""
+"""Cells that ticks look at again: looked at in vain, or where hazards wait to be seen again."""
 
 import numpy as np
 
