@@ -15,6 +15,7 @@ from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.catenary.profile import CROWD_LENGTH
 from plc_inspect.core.clustering.segment_fit import SHELL_CHANCE, SHELL_RATIO, SHELL_SHARE
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.spans.span_fit import FREE_CHANCE, FREE_SHARE, STRAY_RADIUS
 from plc_inspect.core.spans.span_model import tabulate
 from plc_inspect.core.spans.spans import copy_labels, SpanResult
 from plc_inspect.results import Bool, Float64
@@ -24,21 +25,10 @@ FREE_LENGTH = 2.0
 Length of the parts of a span that are free of other things or not [m].
 Source: judgement; holds from 1 to 4 on bench/constants.py.
 """
-STRAY_RADIUS = 0.5
-"""
-A conductor's own points stray this far from it [m].
-Source: judgement; holds up to 0.7, not down to 0.7 of it, on bench/constants.py.
-"""
 FREE_RADIUS = 1.0
 """
 Something else begins within this distance wherever it touches a conductor [m].
 Source: judgement; holds from 0.7 to 2 on bench/constants.py.
-"""
-FREE_SHARE, FREE_CHANCE = 0.1, 1.0
-"""
-A place is free where at most this share of its points, and this number, are that far away.
-Source: judgement; FREE_SHARE holds from 0.05 to 0.2, FREE_CHANCE not measured on
-bench/constants.py.
 """
 LEAST_FREE = 20
 """
@@ -268,18 +258,17 @@ def find_held(
     usual = counts.sum() * HELD_STEP / (length - 2.0 * UNHELD)
     variance = max(float(np.mean(distance[free] ** 2)) / 2.0, LEAST_SIGMA**2)
     for is_closed, ahead in zip(closed, (along, length - along), strict=True):
-        part = np.minimum(np.abs(ahead) / HELD_STEP, NUM_HELD).astype(np.int64)
-        on = np.bincount(part[own], minlength=NUM_HELD + 1)[:NUM_HELD]
-        crowded = np.append(on > OVERFULL * counts.max(), False)
-        if not (is_closed and crowded.any()):
-            continue
-        # those of the support fill the parts as far as they lie
-        far = np.append([
-            float((distance[own & (part == k)] ** 2).mean()) if crowded[k] else np.inf
-            for k in range(NUM_HELD)
-        ], np.inf)
-        with np.errstate(divide='ignore'):
-            ratio = usual / variance * far / np.append(np.maximum(on - usual, 0.0), 0.0)
-            limit = 2.0 * variance * np.log(HELD_ODDS * ratio)
-        result |= own & crowded[part] & (distance**2 > limit[part])
+        part = np.floor(np.abs(ahead) / HELD_STEP)
+        for number in range(NUM_HELD if is_closed else 0):
+            inside = own & (part == number)
+            num = int(inside.sum())
+            if num <= OVERFULL * counts.max():
+                continue
+            spread = float(np.mean(distance[inside] ** 2)) / 2.0
+            if spread <= variance:  # a conductor seen longer there
+                continue
+            # the support's fill the part as far as they lie
+            ratio = 2.0 * spread / variance * usual / (num - usual)
+            limit = 2.0 * variance * math.log(HELD_ODDS * ratio)
+            result |= inside & (distance**2 > limit)
     return result

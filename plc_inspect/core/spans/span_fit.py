@@ -39,7 +39,7 @@ from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.layout import Layout
-from plc_inspect.results import Bool, Float32, Float64, Int64
+from plc_inspect.results import Float32, Float64, Int32, Int64
 
 MISFIT_PARTS = 20
 """
@@ -70,32 +70,28 @@ Source: derived: 1 / 0.6745, the third quartile of the normal distribution.
 """
 LEAST_FREEDOM = 3
 """Degrees of freedom, at least, from which a misfit is told.  Source: judgement; not measured."""
-ASTRAY = 0.5
+STRAY_RADIUS = 0.5
 """
-Points of a conductor lie this far from its curve beyond an open end, where a map drifts [m].
-Source: derived: as beside it between its ends, `point_claims.STRAY_RADIUS`.
+A conductor's own points stray this far from it [m].
+Source: judgement; holds up to 0.7, not down to 0.7 of it, on bench/constants.py.
 """
-ASTRAY_SHARE, ASTRAY_CHANCE = 0.1, 1.0
+FREE_SHARE, FREE_CHANCE = 0.1, 1.0
 """
-At most this share of those, and this number, lies about them, to 1.6 times as far; and so many
-of them may lack where they are thinner than ASTRAY_DENSITY.
-Source: derived: `point_claims.FREE_SHARE`; of what fills the air it is 1.56 times as many.
+A place is free where at most this share of its points, and this number, are that far away.
+Source: judgement; FREE_SHARE holds from 0.05 to 0.2, FREE_CHANCE not measured on
+bench/constants.py.
 """
 ASTRAY_DENSITY = 0.3
 """
-Points a metre there, at least, by those of the conductor before.
+Points a metre beyond an open end, at least, by those of the conductor before; FREE_CHANCE of them
+may lack.
 Source: judgement: conductors fade out at the edge of a cloud; leaves beyond an end are fewer.
 """
 ASTRAY_GAP, ASTRAY_REACH = 3, 30
 """
-Metres without a point over which those are followed, or GAP_RATIO times the mean distance of the
-points of the conductor, and how far [m].
+Metres without a point there over which a conductor is followed, or GAP_RATIO times the mean
+distance of its points, and how far [m].
 Source: judgement; numerical: a bound of time.
-"""
-ASTRAY_SIGMAS = 3.0
-"""
-They are followed as far as the curve is known to ASTRAY, by so many standard deviations.
-Source: derived: 0.3 % of normal errors lie beyond.
 """
 
 
@@ -204,7 +200,8 @@ def collect_points(
 
 
 def follow_strays(
-    points: Float64, index: PlanIndex, cut: CutCurve, side: int, wire: Bool, per_metre: float
+    points: Float64, index: PlanIndex, cut: CutCurve, side: int, owner: Int32,
+    num_owners: int, per_metre: float,
 ) -> tuple[float, Int64, Float32]:
     """
     Follow a conductor beyond an open end, where drift puts its points beside its curve.
@@ -222,8 +219,10 @@ def follow_strays(
         The curve of the span.
     side : int
         1 for its high end, -1 for its low one.
-    wire : (N,) bool
-        Points of conductors, which neither count nor are about it.
+    owner : (N,) int32
+        The line of each point, -1 for none; points of one neither count nor are about it.
+    num_owners : int
+        Number of lines.
     per_metre : float
         Points of the conductor [1/m].
 
@@ -238,22 +237,21 @@ def follow_strays(
 
     """
     row = pack_curves([cut.curve])[0]
-    row[TOLERANCE] = ASTRAY
+    row[TOLERANCE] = STRAY_RADIUS
     end = cut.high if side > 0 else cut.low
     reach = ASTRAY_REACH
-    while reach and ASTRAY_SIGMAS * sigma_of(row, end + side * reach) > ASTRAY:
+    while reach and MAX_NOISE * sigma_of(row, end + side * reach) > STRAY_RADIUS:
         reach -= 1
     ends = sorted((end, end + side * reach))
-    owner = np.where(wire, np.int32(0), np.int32(-1))
     core, shell, chosen, distance = profile_own(
         points, index.grid, row, ends[0], ends[1], STEP, np.zeros(0, dtype=bool), owner,
-        np.ones(1, dtype=bool),
+        np.ones(num_owners, dtype=bool),
     )
     core, shell = core[::side], shell[::side]
     total = core.cumsum()
-    good = (core > 0) & (shell.cumsum() <= ASTRAY_SHARE * total + ASTRAY_CHANCE)
+    good = (core > 0) & (shell.cumsum() <= FREE_SHARE * total + FREE_CHANCE)
     least = ASTRAY_DENSITY * per_metre * STEP * np.arange(1, len(core) + 1)
-    good &= total >= least - ASTRAY_CHANCE
+    good &= total >= least - FREE_CHANCE
     seen = np.flatnonzero(core > 0)
     longest = max(ASTRAY_GAP, GAP_RATIO / per_metre / STEP)
     seen = seen[: int(np.argmax(np.append(np.diff(seen, prepend=-1) > longest, True)))]

@@ -140,7 +140,8 @@ def build_spans(
     for number, side in (key for key, value in is_open.items() if value):
         cut = finals[number]
         beyond, chosen, distance = follow_strays(
-            points, index, cut, side, line_id >= 0, len(own[number]) / (cut.high - cut.low)
+            points, index, cut, side, line_id, max(route.line_id) + 1,
+            len(own[number]) / (cut.high - cut.low),
         )
         finals[number] = _lengthen(cut, side, beyond)
         line_id[chosen], span_id[chosen] = route.line_id[number], route.span_id[number]

@@ -87,6 +87,12 @@ def test_a_pin_on_a_conductor_is_its_supports(at, seed):
     assert not find_held(along, distance, own, 30.0, (at > 0.0, at == 0.0)).any()  # open there
 
 
+@pytest.mark.parametrize(('radius', 'sigma'), [(0.0, 0.0), (0.01, 0.03)])
+def test_points_that_scatter_no_wider_than_a_conductor_are_its_own(radius, sigma):
+    along, distance, own, _ = make_pin(radius=radius, sigma=sigma)
+    assert not find_held(along, distance, own, 30.0, (True, True)).any()
+
+
 @pytest.mark.parametrize('changes', [{'num': 0}, {'at': 15.0}, {'num': 5}])
 @pytest.mark.parametrize('seed', range(5))
 def test_no_support_is_where_no_more_points_are_than_elsewhere(changes, seed):

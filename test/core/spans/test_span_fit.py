@@ -117,7 +117,7 @@ def test_no_curves():
     assert pack_ends([]).shape == (0, 2)
 
 
-def follow(beyond, per_metre=4.0, side=1, wire=None):
+def follow(beyond, per_metre=4.0, side=1, wire=False):
     """Follow a conductor of 40 m, with other points beyond it, at one side."""
     own = make_wire((0.0, 0.0, 20.0), (40.0, 0.0, 20.0), 600.0, noise=0.03, per_metre=per_metre)
     own[:, 0] = own[:, 0] if side > 0 else -own[:, 0]
@@ -125,12 +125,12 @@ def follow(beyond, per_metre=4.0, side=1, wire=None):
     beyond[:, 0] *= side
     points = np.vstack([own, beyond])
     curve = make_curve(points, np.arange(len(own)))
-    on = np.arange(len(points)) < len(own)
-    if wire is not None:
-        on[len(own):] = wire
+    owner = np.where(np.arange(len(points)) < len(own), 0, -1).astype(np.int32)
+    if wire:
+        owner[len(own):] = 1
     far, chosen, distance = follow_strays(
         points, make_index(points), CutCurve(curve=curve, low=curve.low, high=curve.high),
-        1 if abs(curve.position(curve.high)[0, 0]) > 20.0 else -1, on, per_metre,
+        1 if abs(curve.position(curve.high)[0, 0]) > 20.0 else -1, owner, 2, per_metre,
     )
     assert len(chosen) == len(distance)
     assert (chosen >= len(own)).all()
