@@ -4,15 +4,16 @@
 """Curves over several spans are cut: at a place, or where conductors side by side are all bent."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 import math
 
 import numpy as np
 
-from plc_inspect.core.catenary.breaks import find_breaks, MIN_KINK
+from plc_inspect.core.catenary.breaks import Break, find_breaks, find_hinge, MIN_KINK
 from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.core.catenary.growing import KINK_SIGMAS
 from plc_inspect.errors import FitError
-from plc_inspect.results import Float64
+from plc_inspect.results import Float64, Int64
 
 ABOUT, LEAST_DENSITY = 10.0, 0.2
 """
@@ -21,6 +22,8 @@ were seen from the cut on [m], or of the whole's points a metre, at least.
 Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
 over a support between the wires of a rack has a tenth of its points there.
 """
+LEAST_HINGED = 3
+"""Conductors that show a hinge together, at least.  Source: judgement."""
 PARALLEL = math.radians(5.0)
 """
 Conductors side by side in one span differ by less in azimuth.
@@ -119,11 +122,20 @@ def cut_together(
     while rest:
         first = rest[0]
         group = [first, *(other for other in rest[1:] if _lie_side_by_side(first, other, width))]
-        places = _find_shared(points, group)
-        for curve, own in zip(group, places, strict=True):
-            parts[id(curve)] = _cut_at(points, curve, own, least)
+        for curve, own in zip(group, cut_each(points, group, least), strict=True):
+            parts[id(curve)] = own
         rest = [curve for curve in rest if id(curve) not in parts]
     return [part for curve in curves for part in parts[id(curve)]]
+
+
+def cut_each(
+    points: Float64, group: Sequence[Curve], least: float = 0.0
+) -> list[list[Curve]]:
+    """Return the parts of each of the curves of a group, as `cut_together`."""
+    places = _find_shared(points, group)
+    return [
+        _cut_at(points, curve, own, least) for curve, own in zip(group, places, strict=True)
+    ]
 
 
 def _lie_side_by_side(first: Curve, other: Curve, width: float) -> bool:
@@ -145,6 +157,8 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
     # of the kinks alone: where scan lines cross conductors aslant, all lie aside alike
     found = find_breaks(axis.local(points[own])[0], np.zeros(len(own)), points[own, 2], track)
     breaks = [item for item in found if abs(item.kink) > MIN_KINK]  # and not of a misfit alone
+    if len(group) >= LEAST_HINGED:
+        breaks = _add_hinges(axis.local(points[own])[0], points[own, 2], track, breaks)
     bounds = [-math.inf, *(item.x for item in breaks), math.inf]
     result: list[list[float]] = [[] for _ in group]
     for item, low, high in zip(breaks, bounds[:-2], bounds[2:], strict=True):
@@ -160,6 +174,21 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
             for k in bent:
                 result[k].append(at[k])
     return result
+
+
+def _add_hinges(
+    x: Float64, z: Float64, track: Int64, breaks: Sequence[Break]
+) -> list[Break]:
+    """Return the breaks, and a hinge between each two of them where there is one."""
+    result = list(breaks)
+    bounds = [-math.inf, *(item.x for item in breaks), math.inf]
+    for low, high in pairwise(bounds):
+        inside = (x > low) & (x < high)
+        if inside.any():
+            found = find_hinge(x[inside], z[inside], track[inside])
+            if found is not None:
+                result.append(found)
+    return sorted(result, key=lambda item: item.x)
 
 
 def _reach(

@@ -26,13 +26,15 @@ from plc_inspect.core.catenary.curve_row import (
     SIN,
     to_local,
 )
+from plc_inspect.core.catenary.cutting import cut_each
 from plc_inspect.core.catenary.duplicates import drop_duplicates, find_along, is_thick
 from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.evidence.built import RAIL
-from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, Verdict
+from plc_inspect.core.evidence.groups import list_groups
+from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, SIDE, Verdict
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import BUILT, CROWDED, list_evidence, prove_sag
 from plc_inspect.core.extraction.ground_grid import GroundGrid
@@ -157,6 +159,7 @@ def judge_curves(
     then.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
+    curves = cut_groups(points, curves, sight, settings)
     judge = Judge(points, index, sight, curves, settings)
     judge.decide()
     freed = _find_within(curves, judge.verdicts, parts, settings)
@@ -242,6 +245,20 @@ def _find_within(
     ]
     along = find_along(parts, failed, settings.bundle_width)
     return [parts[k] for k in np.flatnonzero(along).tolist()]
+
+
+def cut_groups(
+    points: Float64, curves: Sequence[Curve], sight: GroundGrid, settings: CatenarySettings
+) -> tuple[Curve, ...]:
+    """Cut curves side by side where all of them are bent, as at a support."""
+    thin = [curve for curve in curves if not is_thick(curve)]
+    parts: dict[int, list[Curve]] = {}
+    for group in list_groups(thin, sight, SIDE):
+        own = [thin[number] for number in group.tolist()]
+        for curve, pieces in zip(own, cut_each(points, own), strict=True):
+            parts[id(curve)] = pieces
+    cut = [part for curve in curves for part in parts.get(id(curve), [curve])]
+    return drop_duplicates(points, cut, settings) if len(cut) != len(curves) else tuple(curves)
 
 
 def _list_bundles(

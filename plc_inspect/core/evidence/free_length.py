@@ -105,6 +105,11 @@ DROP = 1.5
 Points this far below a curve are no part of what it could lie on [m].
 Source: judgement; a roof's eaves, a truss and a pipe rack are less high.
 """
+ALONE = 3.0
+"""
+A row of a scanner on a roof has another one within this distance [m].
+Source: derived: two rows apart, where one was missed; sparse surveys lay them 1.5 m apart.
+"""
 RAYLEIGH_MEDIAN = 1.1774
 """
 Median distance from the axis in standard deviations, of points that scatter both ways.
@@ -122,6 +127,8 @@ class FreeLength:
     """Of what lies within a metre of it [m]."""
     open: float
     """The same, where something was seen below it [m]."""
+    alone: float
+    """Free metres that are not open, with nothing within ALONE, not even a wire [m]."""
     cluttered: float
     """Metres with other things within a metre of it, not less free ones [m]."""
     company: float
@@ -137,7 +144,8 @@ class FreeLength:
 
 
 UNKNOWN = FreeLength(
-    close=-math.inf, wide=-math.inf, open=-math.inf, cluttered=math.inf, company=0.0
+    close=-math.inf, wide=-math.inf, open=-math.inf, alone=-math.inf,
+    cluttered=math.inf, company=0.0,
 )
 """As if all of a curve were cluttered."""
 
@@ -166,24 +174,27 @@ def measure_free_length(
     FreeLength
 
     """
-    close, wide, above, cluttered, company = _measure(
+    close, wide, above, alone, cluttered, company = _measure(
         points, index.grid, curve.row, ignore, sight.seen, sight.blocks
     )
     return FreeLength(
-        close=close, wide=wide, open=above, cluttered=cluttered, company=company
+        close=close, wide=wide, open=above, alone=alone, cluttered=cluttered, company=company
     )
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _measure(points, grid, row, ignore, seen, blocks):  # type: ignore[no-untyped-def]
-    """Metres of evidence by the close ring, the wide one and above what was seen; and against."""
+    """Metres of evidence by the rings, above what was seen, and where it is alone; and against."""
     low, high = row[LOW], row[HIGH]
     num = max(int((high - low) / STEP), 1)
     is_open = _see_ground(row, num, seen, blocks)
     distance, across, part, core = place_about(points, grid, row, ignore, is_open)
     if core == 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     inner, outer = ring_about(core)
+    is_alone = ~is_open
+    if is_alone.any():
+        is_alone &= _see_alone(points, grid, row, outer, num)
 
     # evidence of each part in both rings; where nothing was seen below, only that against it
     scale = (high - low) / num / STEP
@@ -195,6 +206,7 @@ def _measure(points, grid, row, ignore, seen, blocks):  # type: ignore[no-untype
     return (
         scale * np.where(is_open, close, np.minimum(close, 0.0)).sum(), scale * wide.sum(),
         scale * np.where(is_open, wide, np.minimum(wide, 0.0)).sum(),
+        scale * np.where(is_alone, np.maximum(wide, 0.0), 0.0).sum(),
         against.sum(), against[is_line].sum(),
     )
 
@@ -271,6 +283,31 @@ def _see_ground(row, num, seen, blocks):  # type: ignore[no-untyped-def]
             seen, blocks, row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
         )
     return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _see_alone(points, grid, row, outer, num):  # type: ignore[no-untyped-def]
+    """Tell the parts of a row's curve about which nothing lies between ``outer`` and ALONE [m]."""
+    start, order, corner, cell, num_rows, num_columns = grid
+    low, high = row[LOW], row[HIGH]
+    near = gather_strip(
+        start, order, corner, cell, num_rows, num_columns,
+        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, ALONE,
+    )
+    opened, by_part = open_row(row), num / (high - low)
+    is_alone = np.ones(num, dtype=np.bool_)
+    for i in near:
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
+        if x < low - ROUNDING or x > high + ROUNDING or abs(y) > ALONE:
+            continue
+        part = min(int((x - low + ROUNDING) * by_part), num - 1)
+        if is_alone[part]:
+            rise, slope = see_above(opened, x, points[i, 2])
+            is_alone[part] = not outer < math.hypot(
+                y, rise / math.sqrt(1.0 + slope * slope)
+            ) <= ALONE
+    return is_alone
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

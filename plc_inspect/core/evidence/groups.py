@@ -62,6 +62,14 @@ def find_groups(
         The numbers of the curves of each group.
 
     """
+    return [
+        group for group in list_groups(curves, sight, side)
+        if prove_together([curves[number] for number in group.tolist()], settings)
+    ]
+
+
+def list_groups(curves: Sequence[Curve], sight: GroundGrid, side: float) -> list[Int64]:
+    """Return the groups of `find_groups`, whatever they prove."""
     chosen = [
         number for number, curve in enumerate(curves)
         if curve.length >= LEAST_LENGTH and _measure_seen(curve, sight) >= LEAST_SEEN
@@ -71,10 +79,7 @@ def find_groups(
     own = [curves[number] for number in chosen]
     group = unite(_find_pairs(own, side), len(own))
     members = [np.array(chosen)[group == number] for number in range(int(group.max()) + 1)]
-    return [
-        group for group in members
-        if prove_together([curves[number] for number in group.tolist()], settings)
-    ]
+    return [group for group in members if len(group) >= LEAST_TOGETHER]
 
 
 def prove_together(curves: Sequence[Curve], settings: CatenarySettings) -> bool:

@@ -190,7 +190,7 @@ def add_up(
     if proof == 1.0:
         evidence = max(free.open, free.close, free.wide / UNSEEN_RATIO)
     elif not beside:
-        evidence = min(free.open, CLOSE_RATIO * free.close)
+        evidence = min(free.open, CLOSE_RATIO * free.close) + free.alone / UNSEEN_RATIO
     if proof >= 0.0:
         return evidence + BONUS * max(proof, float(beside))
     # across alone: what lies over two spans misses their points in height

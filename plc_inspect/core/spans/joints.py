@@ -38,11 +38,12 @@ MAX_MISS = 0.5
 Greatest distance of the two curves where they are nearest; insulators fill it [m].
 Source: judgement; holds from 0.25 to 1 on bench/constants.py.
 """
-MIN_RISE = 0.008
+MIN_RISE = 0.005
 """
-Least kink at a support: half the lengths of both spans over c is more [-].  What passes a support
-and lacks more of the kink that it would have there, on top of its uncertainty, hangs elsewhere.
-Source: judgement; holds from 0.004 to 0.016 on bench/constants.py.
+Least kink at a support [-].  What passes a support and lacks more of the kink that it would have
+there, on top of its uncertainty, hangs elsewhere.
+Source: derived: that of a hinge, `catenary/breaks.py`; holds from 0.004 to 0.016 on
+bench/constants.py.
 """
 MIN_TURN = 0.012
 """

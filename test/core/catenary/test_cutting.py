@@ -65,6 +65,34 @@ def test_one_alone_is_cut_where_it_shows_its_support_itself():
     assert len(cut_together(points, curves, WIDTH, LEAST)) == 2
 
 
+LOW_TOWER = (7.5, 7.5, 12.0)
+
+
+@pytest.mark.parametrize('yaw', [0.0, 2.0])
+def test_a_support_that_bends_them_by_little_is_found_by_three(yaw):
+    """One as high as a curve over both spans would pass, between spans of 84 and 56 m."""
+    for seed in range(5):
+        points, curves = make_rack(
+            (0.0, 84.0, 140.0), (-1.5, 0.0, 1.5), LOW_TOWER, per_metre=17.0, seed=seed
+        )
+        points = turn(points, yaw)
+        curves = [make_curve(points, curve.points, 0.2) for curve in curves]
+        parts = cut_together(points, curves, WIDTH, LEAST)
+        lengths = sorted(part.length for part in parts)
+        assert lengths == pytest.approx([56.0] * 3 + [84.0] * 3, abs=5.0)
+        assert cut_together(points, curves[:2], WIDTH, LEAST) == curves[:2]
+
+
+@pytest.mark.parametrize('amplitude', [0.05, -0.05])
+def test_what_drift_bends_is_no_support(amplitude):
+    """One wave along the span, whose halves are drawn in different ways."""
+    for seed in range(5):
+        points, curves = make_rack((0.0, 140.0), (-1.5, 0.0, 1.5), (9.0, 9.0), 17.0, seed)
+        points[:, 2] += amplitude * np.sin(2.0 * np.pi * points[:, 0] / 140.0)
+        curves = [make_curve(points, curve.points, 0.2) for curve in curves]
+        assert cut_together(points, curves, WIDTH, LEAST) == curves
+
+
 def test_what_bends_one_of_several_is_no_support():
     """Leaves on one conductor draw its points aside."""
     points, curves = make_rack(ends=(0.0, 80.0), per_metre=10.0)

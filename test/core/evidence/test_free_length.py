@@ -116,6 +116,18 @@ def test_where_nothing_was_seen_below_no_metre_is_open():
     assert free.open <= 0.0 < free.wide
 
 
+@pytest.mark.parametrize(('side', 'alone'), [(1.2, 0.0), (2.8, 0.0), (3.2, 1.0)])
+def test_a_row_beside_a_curve_within_3_m_leaves_no_metre_alone(side, alone):
+    wire, row = make(c=1e5), make(c=1e5) + np.array([0.0, side, 0.0])
+    for seen in (False, True):
+        curve, free = measure(wire, [row], seen=seen)
+        own = 0.0 if seen else alone * curve.length
+        assert free.alone == pytest.approx(own, rel=0.1, abs=1.0)
+        assert free.wide == pytest.approx(curve.length, rel=0.1)
+    _, free = measure(wire, [row], ignored=len(row), seen=False)
+    assert free.alone == pytest.approx(alone * curve.length, rel=0.1, abs=1.0)
+
+
 def test_a_crown_below_an_unseen_ground_makes_it_open():
     crown = make_tree(30.0, 0.0, 6.0, 1.0, radius=8.0, num=4000)
     _curve, free = measure(make(), [crown], seen=False)

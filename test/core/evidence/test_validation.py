@@ -15,6 +15,7 @@ from plc_inspect.core.evidence.validation import (
     find_objection,
     is_scan_line,
     list_evidence,
+    prove_sag,
     UNPROVEN,
 )
 from plc_inspect.errors import ConfigError
@@ -137,6 +138,14 @@ def test_over_what_was_not_seen_only_a_long_curve_that_sags_is_believed():
     assert judge(make(60.0, c=1e5), seen=False) == UNPROVEN
     assert judge(make(10.0, c=100.0, per_metre=60.0), seen=False) == CROWDED
     assert judge(make(30.0, c=300.0), seen=False) == ''
+
+
+def test_over_what_was_not_seen_what_may_sag_must_hang_alone():
+    wire = make(40.0, c=2400.0, per_metre=2.0, noise=0.04)
+    assert 0.0 < prove_sag(make_curve(wire, np.arange(len(wire))), SETTINGS) < 1.0
+    assert judge(wire, seen=False) == ''
+    row = make(40.0, c=1e5, per_metre=2.0, seed=1) + np.array([0.0, 1.5, 0.0])
+    assert judge(wire, [row], seen=False) == UNPROVEN
 
 
 def test_what_is_thick_must_be_free_of_what_touches_it():
