@@ -248,9 +248,9 @@ class Judge:
         straight = np.array([proofs[number] < 0.0 for number in numbers], dtype=bool)
         deep = np.array([proofs[number] == 1.0 for number in numbers], dtype=bool)
         steep = np.array([
-            abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP
-            and is_straight(curve, STEEP_CONSTANT) for curve in curves
+            abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
         ], dtype=bool)
+        bars = np.array([is_straight(curve, STEEP_CONSTANT) for curve in curves], dtype=bool)
         free = np.array([
             self.verdicts[number].free.wide >= FREE_SHARE * self.curves[number].length
             for number in numbers
@@ -261,8 +261,9 @@ class Judge:
             if self.curves[number].length >= self._settings.min_evidence
             and self.verdicts[number].free.wide <= -SOLID * self.curves[number].length
         ]
-        stays = find_stays(curves, straight | deep, [self.curves[k] for k in beams]) | steep
-        stays |= find_fans(curves, straight, free & ~deep) | find_chords(curves, solid)
+        stays = find_stays(curves, straight | deep, [self.curves[k] for k in beams])
+        stays |= find_fans(curves, straight, steep, free & ~deep) | find_chords(curves, solid)
+        stays |= steep & bars
         for number in np.array(numbers, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 

@@ -169,7 +169,7 @@ def _compare(row, other):  # type: ignore[no-untyped-def]
     return common, above, first, last, nearest
 
 
-def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
+def find_fans(curves: Sequence[Curve], sure: Bool, steep: Bool, free: Bool) -> Bool:
     """
     Tell which curves fan out from a mast as stays do.
 
@@ -179,6 +179,8 @@ def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
         Straight, as far as is known.
     sure : (C,) bool
         Which of them surely are.
+    steep : (C,) bool
+        Which of them are as steep as stays.
     free : (C,) bool
         Which of them hang free in the air.
 
@@ -186,19 +188,21 @@ def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
     -------
     (C,) bool
         Curves that run in one vertical plane with another one, at least one of both surely
-        straight, and part from it by more than conductors of one line do.
+        straight or both steep, and part from it by more than conductors of one line do.
 
     """
-    result: Bool = _find_fans(pack_curves(curves), sure, free, find_near(curves, NEAREST))
+    near = find_near(curves, NEAREST)
+    result: Bool = _find_fans(pack_curves(curves), sure, steep, free, near)
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_fans(rows, sure, free, near):  # type: ignore[no-untyped-def]
+def _find_fans(rows, sure, steep, free, near):  # type: ignore[no-untyped-def]
     result = np.zeros(len(rows), dtype=np.bool_)
     for k in range(len(rows)):
         for m in near.item[near.start[k] : near.start[k + 1]]:
-            if m < k and free[k] and free[m] and (sure[k] or sure[m]):
+            told = sure[k] or sure[m] or (steep[k] and steep[m])
+            if m < k and free[k] and free[m] and told:
                 shorter, longer = k, m
                 if rows[k, HIGH] - rows[k, LOW] > rows[m, HIGH] - rows[m, LOW]:
                     shorter, longer = m, k

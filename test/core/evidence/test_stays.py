@@ -79,11 +79,19 @@ def test_a_rail_that_goes_on_beyond_the_beam_is_none_of_it():
     assert find_stays([rail], ~NO, [bar(2.0, 40.0, 20.0, 20.0)]).tolist() == [False]
 
 
+NONE, EACH = np.zeros(3, dtype=bool), np.ones(3, dtype=bool)
 FAN = [bar(0.0, 30.0, 20.0, 6.0), bar(0.0, 24.0, 19.0, 6.0), bar(0.0, 18.0, 18.0, 6.0)]
 
 
 def test_stays_of_a_mast_fan_out():
-    assert find_fans(FAN, np.array([True, False, False]), np.ones(3, bool)).tolist() == [True] * 3
+    one = np.array([True, False, False])
+    assert find_fans(FAN, one, NONE, EACH).tolist() == [True] * 3
+
+
+def test_of_those_too_short_to_be_surely_straight_two_must_be_steep():
+    assert find_fans(FAN, NONE, EACH, EACH).tolist() == [True] * 3
+    two = np.array([True, True, False])
+    assert find_fans(FAN, NONE, two, EACH).tolist() == two.tolist()
 
 
 @pytest.mark.parametrize('curves', [
@@ -95,13 +103,13 @@ def test_stays_of_a_mast_fan_out():
 ])
 def test_lines_beside_each_other_are_no_fan(curves):
     every = np.ones(len(curves), dtype=bool)
-    assert not find_fans(curves, every, every).any()
+    assert not find_fans(curves, every, every, every).any()
 
 
 def test_a_fan_of_which_none_is_surely_straight_may_be_wires_at_a_pole():
-    assert not find_fans(FAN, np.zeros(3, dtype=bool), np.ones(3, dtype=bool)).any()
+    assert not find_fans(FAN, NONE, NONE, EACH).any()
 
 
 def test_a_gutter_below_a_cable_makes_no_fan():
     free = np.array([True, False])
-    assert not find_fans([FAN[0], FAN[2]], np.ones(2, dtype=bool), free).any()
+    assert not find_fans([FAN[0], FAN[2]], EACH[:2], EACH[:2], free).any()
