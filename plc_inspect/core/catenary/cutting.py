@@ -9,7 +9,13 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.catenary.breaks import Break, find_breaks, find_hinge, MIN_KINK
+from plc_inspect.core.catenary.breaks import (
+    Break,
+    find_breaks,
+    find_hinge,
+    MIN_KINK,
+    MIN_SIDE_POINTS,
+)
 from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.core.catenary.growing import KINK_SIGMAS
 from plc_inspect.errors import FitError
@@ -21,6 +27,12 @@ A part of a curve that is cut has this share of the other one's points in the fi
 were seen from the cut on [m], or of the whole's points a metre, at least.
 Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
 over a support between the wires of a rack has a tenth of its points there.
+"""
+CLUSTER, PARAMETERS = 3.0, 4
+"""
+Points of all tracks within so many metres of each other are one sample of a kink, and it takes so
+many of them.
+Source: derived: scan lines 1.5 m apart, of two strips by turns; a parabola and its kink.
 """
 LEAST_HINGED = 3
 """Conductors that show a hinge together, at least.  Source: judgement."""
@@ -154,11 +166,13 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
     axis = group[0]
     own = np.concatenate([curve.points for curve in group])
     track = np.repeat(np.arange(len(group)), [len(curve.points) for curve in group])
+    x, z = axis.local(points[own])[0], points[own, 2]
     # of the kinks alone: where scan lines cross conductors aslant, all lie aside alike
-    found = find_breaks(axis.local(points[own])[0], np.zeros(len(own)), points[own, 2], track)
-    breaks = [item for item in found if abs(item.kink) > MIN_KINK]  # and not of a misfit alone
+    found = find_breaks(x, np.zeros(len(own)), z, track)
+    bent = [item for item in found if abs(item.kink) > MIN_KINK]  # and not of a misfit alone
+    breaks = _keep_sure(x, z, track, bent)
     if len(group) >= LEAST_HINGED:
-        breaks = _add_hinges(axis.local(points[own])[0], points[own, 2], track, breaks)
+        breaks = _add_hinges(x, z, track, breaks)
     bounds = [-math.inf, *(item.x for item in breaks), math.inf]
     result: list[list[float]] = [[] for _ in group]
     for item, low, high in zip(breaks, bounds[:-2], bounds[2:], strict=True):
@@ -181,14 +195,57 @@ def _add_hinges(
 ) -> list[Break]:
     """Return the breaks, and a hinge between each two of them where there is one."""
     result = list(breaks)
-    bounds = [-math.inf, *(item.x for item in breaks), math.inf]
-    for low, high in pairwise(bounds):
+    for low, high in pairwise([-math.inf, *(item.x for item in breaks), math.inf]):
         inside = (x > low) & (x < high)
-        if inside.any():
-            found = find_hinge(x[inside], z[inside], track[inside])
-            if found is not None:
-                result.append(found)
+        found = find_hinge(x[inside], z[inside], track[inside]) if inside.any() else None
+        if found is not None:
+            result += _keep_sure(x[inside], z[inside], track[inside], [found])
     return sorted(result, key=lambda item: item.x)
+
+
+def _keep_sure(
+    x: Float64, z: Float64, track: Int64, breaks: Sequence[Break]
+) -> list[Break]:
+    """Return the breaks that are surely bent, though what is mislaid shifts all tracks alike."""
+    bounds = [-math.inf, *(item.x for item in breaks), math.inf]
+    result = []
+    for item, low, high in zip(breaks, bounds[:-2], bounds[2:], strict=True):
+        inside = (x >= low) & (x <= high)
+        kink, sigma = _measure_kink(x[inside] - item.x, z[inside], track[inside])
+        if math.copysign(kink, kink * item.kink) >= KINK_SIGMAS * sigma:
+            result.append(item)
+    return result
+
+
+def _measure_kink(x: Float64, z: Float64, track: Int64) -> tuple[float, float]:
+    """
+    Measure the mean kink that tracks have at 0, and its standard deviation.
+
+    Strips that lie askew shift the points of a scan line on all tracks alike: those of a part of
+    CLUSTER are one sample (standard deviations robust to clusters; Liang and Zeger, 1986).
+    """
+    kink = weight = 0.0
+    scores = np.zeros(len(x))
+    for number in range(int(track.max()) + 1):
+        own = np.flatnonzero(track == number)
+        along, length = x[own], float(np.ptp(x[own])) if len(own) else 0.0
+        if min((along < 0.0).sum(), (along > 0.0).sum()) < MIN_SIDE_POINTS:
+            continue
+        along = along / length
+        columns = np.column_stack([np.ones(len(own)), along, along**2, np.minimum(along, 0.0)])
+        inverse = np.linalg.pinv(columns)
+        share = inverse[3] / length
+        sure = 1.0 / float(share @ share)
+        kink -= sure * float(share @ z[own])
+        weight += sure
+        scores[own] = sure * share * (z[own] - columns @ (inverse @ z[own]))
+    part = np.floor(x / CLUSTER).astype(np.int64)
+    used, part = np.unique(part, return_inverse=True)
+    if weight == 0.0 or len(used) <= PARAMETERS:
+        return 0.0, math.inf
+    total = np.bincount(part, scores)
+    variance = float(total @ total) * len(used) / (len(used) - PARAMETERS)
+    return kink / weight, math.sqrt(variance) / weight
 
 
 def _reach(

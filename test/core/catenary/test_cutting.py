@@ -93,6 +93,16 @@ def test_what_drift_bends_is_no_support(amplitude):
         assert cut_together(points, curves, WIDTH, LEAST) == curves
 
 
+def test_what_strips_shift_by_turns_is_no_support():
+    """Scan lines of strips 6 cm askew, each seen for 3 m: all conductors are shifted alike."""
+    for seed in range(5):
+        points, curves = make_rack((0.0, 48.0), (-0.8, 0.0, 0.8), (9.0, 9.0), 15.0, seed)
+        shift = np.random.default_rng(seed).choice([-0.06, 0.0, 0.06], 17)
+        points[:, 2] += shift[(points[:, 0] / 3.0).astype(int)]
+        curves = [make_curve(points, curve.points, 0.2) for curve in curves]
+        assert cut_together(points, curves, WIDTH, LEAST) == curves
+
+
 def test_what_bends_one_of_several_is_no_support():
     """Leaves on one conductor draw its points aside."""
     points, curves = make_rack(ends=(0.0, 80.0), per_metre=10.0)
