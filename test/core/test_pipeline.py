@@ -7,7 +7,7 @@ import json
 import numba
 import numpy as np
 import pytest
-from toys import hang, make_line_cloud, make_tree, turn
+from toys import hang, make_line_cloud, make_tree, make_wire, turn
 
 from plc_inspect.config import CorridorSettings, HazardSettings, SegmentSettings, Settings
 from plc_inspect.core.pipeline import Pipeline
@@ -311,6 +311,22 @@ def test_wires_within_a_thick_curve_that_is_none_are_found():
     called = Pipeline().run(made.cloud.points).classification == PointClass.WIRE
     # where the thick curve stands for them, four of them have less than 0.7
     assert min(called[made.cloud.conductor == k].mean() for k in range(3, 12)) > 0.75
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize(('c', 'least', 'most'), [(360.0, 0.8, 1.0), (1e5, 0.0, 0.0)])
+def test_a_band_of_wires_that_strips_askew_leave_no_air_between_is_one(c, least, most, seed):
+    rng = np.random.default_rng(seed)
+    wires = [
+        make_wire((0.0, y, 8.0), (41.0, y, 8.0), c, 14.0, 0.03, 10 * seed + k)
+        for k, y in enumerate((-0.3, 0.0, 0.3))
+    ]
+    for wire in wires:
+        wire[:, 1] += rng.uniform(-0.25, 0.25, len(wire))
+    ground = rng.uniform((-15.0, -20.0, -0.03), (56.0, 20.0, 0.03), (20_000, 3))
+    result = Pipeline().run(np.vstack([ground, *wires]))
+    share = (result.line_id[len(ground) :] >= 0).mean()
+    assert least <= share <= most
 
 
 def test_each_span_tells_the_evidence_for_it(result):

@@ -169,8 +169,8 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
     x, z = axis.local(points[own])[0], points[own, 2]
     # of the kinks alone: where scan lines cross conductors aslant, all lie aside alike
     found = find_breaks(x, np.zeros(len(own)), z, track)
-    bent = [item for item in found if abs(item.kink) > MIN_KINK]  # and not of a misfit alone
-    breaks = _keep_sure(x, z, track, bent)
+    found = tuple(item for item in found if abs(item.kink) > MIN_KINK)  # not of a misfit alone
+    breaks = _keep_sure(x, z, track, found)
     if len(group) >= LEAST_HINGED:
         breaks = _add_hinges(x, z, track, breaks)
     bounds = [-math.inf, *(item.x for item in breaks), math.inf]

@@ -12,7 +12,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.breaks import find_breaks
-from plc_inspect.core.catenary.bundles import merge_bundles, widen
+from plc_inspect.core.catenary.bundles import BUNDLE_SHARE, merge_bundles, widen, widen_to
 from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves, PART_MISS
 from plc_inspect.core.catenary.curve_row import (
     COS,
@@ -36,7 +36,13 @@ from plc_inspect.core.evidence.built import RAIL
 from plc_inspect.core.evidence.groups import list_groups
 from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, SIDE, Verdict
 from plc_inspect.core.evidence.searches import Searches
-from plc_inspect.core.evidence.validation import BUILT, CROWDED, list_evidence, prove_sag
+from plc_inspect.core.evidence.validation import (
+    BUILT,
+    CROWDED,
+    list_evidence,
+    prove_sag,
+    UNTIDY,
+)
 from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
@@ -190,7 +196,27 @@ def judge_curves(
         found, _ = find_curves(points, index, tracks, settings, rng)
         fresh = _keep_new(points, found, settings, believed)
         judge.add(judge.try_more(fresh, beside=False))  # that has led to them already
+    wide = _widen_rest(points, index, judge, settings)
+    judge.add(judge.try_more(_keep_new(points, wide, settings, judge.believed)))
     return tuple(judge.curves), judge
+
+
+def _widen_rest(
+    points: Float64, index: PlanIndex, judge: Judge, settings: CatenarySettings
+) -> list[Curve]:
+    """Return as wide as bundles what surely hangs and is free but for what is at its surface."""
+    result = []
+    for curve, verdict in zip(judge.curves, judge.verdicts, strict=True):
+        if (
+            verdict.objection == UNTIDY and prove_sag(curve, settings) == 1.0
+            and verdict.free.wide >= FREE_SHARE * curve.length
+        ):
+            try:
+                wide = widen_to(points, index, curve, BUNDLE_SHARE * settings.bundle_width)
+            except FitError:
+                continue
+            result.append(wide)
+    return result
 
 
 def _keep_new(
