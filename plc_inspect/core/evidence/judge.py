@@ -262,7 +262,7 @@ class Judge:
             and self.verdicts[number].free.wide <= -SOLID * self.curves[number].length
         ]
         stays = find_stays(curves, straight | deep, [self.curves[k] for k in beams])
-        stays |= find_fans(curves, straight, steep, free & ~deep) | find_chords(curves, solid)
+        stays |= find_fans(curves, straight | steep, free & ~deep) | find_chords(curves, solid)
         stays |= steep & bars
         for number in np.array(numbers, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)

@@ -85,13 +85,14 @@ FAN = [bar(0.0, 30.0, 20.0, 6.0), bar(0.0, 24.0, 19.0, 6.0), bar(0.0, 18.0, 18.0
 
 def test_stays_of_a_mast_fan_out():
     one = np.array([True, False, False])
-    assert find_fans(FAN, one, NONE, EACH).tolist() == [True] * 3
+    assert find_fans(FAN, one, EACH).tolist() == [True] * 3
 
 
-def test_of_those_too_short_to_be_surely_straight_two_must_be_steep():
-    assert find_fans(FAN, NONE, EACH, EACH).tolist() == [True] * 3
-    two = np.array([True, True, False])
-    assert find_fans(FAN, NONE, two, EACH).tolist() == two.tolist()
+def test_stays_that_seem_to_cross_where_they_meet_fan_out():
+    meeting = [bar(0.0, 13.0, 51.8, 49.0), bar(0.0, 13.0, 51.9, 46.4)]
+    assert find_fans(meeting, EACH[:2], EACH[:2]).tolist() == [True] * 2
+    crossing = [bar(0.0, 13.0, 51.8, 49.0), bar(0.0, 13.0, 52.4, 46.4)]
+    assert not find_fans(crossing, EACH[:2], EACH[:2]).any()
 
 
 @pytest.mark.parametrize('curves', [
@@ -103,13 +104,13 @@ def test_of_those_too_short_to_be_surely_straight_two_must_be_steep():
 ])
 def test_lines_beside_each_other_are_no_fan(curves):
     every = np.ones(len(curves), dtype=bool)
-    assert not find_fans(curves, every, every, every).any()
+    assert not find_fans(curves, every, every).any()
 
 
 def test_a_fan_of_which_none_is_surely_straight_may_be_wires_at_a_pole():
-    assert not find_fans(FAN, NONE, NONE, EACH).any()
+    assert not find_fans(FAN, NONE, EACH).any()
 
 
 def test_a_gutter_below_a_cable_makes_no_fan():
     free = np.array([True, False])
-    assert not find_fans([FAN[0], FAN[2]], EACH[:2], EACH[:2], free).any()
+    assert not find_fans([FAN[0], FAN[2]], EACH[:2], free).any()
