@@ -24,6 +24,7 @@ from plc_inspect.core.spans.standing_poles import (
 from plc_inspect.core.spans.stations import (
     cut_at_stations,
     group_joints,
+    hang_apart,
     PARALLEL,
     place_station,
     Station,
@@ -211,6 +212,7 @@ def _drop_weak(
             if (
                 is_near
                 and float(np.linalg.norm(apart)) < settings.width
+                and not hang_apart(own.attachments, other.attachments)
                 and abs(math.sin(own.direction - other.direction)) < math.sin(PARALLEL)
             ):
                 break

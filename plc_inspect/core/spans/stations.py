@@ -39,6 +39,14 @@ Source: judgement; not measured.
 """
 
 
+MOST_ASIDE, MOST_ABOVE = 5.0, 10.0
+"""
+What meets farther aside, and farther above or below all others that do, hangs elsewhere [m].
+Source: derived: levels of a tower are 7 to 10 m apart; a line of low voltage beside one, which a
+tower may bear below, hangs 12 m lower (planted hazards 268000).
+"""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Station:
     """A support as the conductors tell of it."""
@@ -73,12 +81,20 @@ def group_joints(
             along = apart[0] * math.cos(first.direction) + apart[1] * math.sin(first.direction)
             across = apart[1] * math.cos(first.direction) - apart[0] * math.sin(first.direction)
             slack = settings.radius + SKEW * abs(across)
-            if abs(along) <= slack and abs(across) <= settings.width:
+            places = first.position[None], second.position[None]
+            if abs(along) <= slack and abs(across) <= settings.width and not hang_apart(*places):
                 pairs.append((i, j))
     groups: dict[int, list[Joint]] = {}
     for number, joint in zip(unite(pairs, len(joints)).tolist(), joints, strict=True):
         groups.setdefault(number, []).append(joint)
     return tuple(tuple(group) for group in groups.values())
+
+
+def hang_apart(first: Float64, second: Float64) -> bool:
+    """Tell whether all of two sets of attachments, (K, 3) each [m], hang on different supports."""
+    apart = np.abs(first[:, None, :] - second[None, :, :])
+    aside = np.hypot(apart[..., 0], apart[..., 1])
+    return bool(((aside > MOST_ASIDE) & (apart[..., 2] > MOST_ABOVE)).all())
 
 
 def place_station(group: Sequence[Joint], poles: Sequence[StandingPole] = ()) -> Station:

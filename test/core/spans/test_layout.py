@@ -240,6 +240,23 @@ def test_a_curve_that_lies_on_a_better_one_is_dropped():
     assert len(layout.curves) == 6
 
 
+@pytest.mark.parametrize(('aside', 'below', 'num'), [
+    (12.0, 12.0, 2),  # a line of low voltage beside one on towers
+    (12.0, 8.0, 1),  # levels of a tower
+    (3.0, 12.0, 1),  # borne by the tower
+])
+def test_lines_side_by_side_of_which_one_is_far_below_have_supports_of_their_own(
+    aside, below, num
+):
+    points, curves = make_route([(0, 0), (90, 0), (170, 0)], height=25.0)
+    low, others = make_route(
+        [(0, 0), (90, 0), (170, 0)], offsets=(-3.0 - aside,), height=25.0 - below
+    )
+    moved = [make_curve(np.vstack([points, low]), own.points + len(points)) for own in others]
+    layout = find_layout(np.vstack([points, low]), [*curves, *moved], (), SETTINGS)
+    assert len(layout.stations) == num
+
+
 def test_the_order_of_curves_does_not_matter():
     points, curves = make_route([(0, 0), (90, 0), (160, 40)])
     one = find_layout(points, curves, (), SETTINGS)
