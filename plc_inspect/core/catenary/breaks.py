@@ -161,63 +161,74 @@ def find_hinge(x: Float64, z: Float64, track: Int64) -> Break | None:
         With the mean kink of all tracks.
 
     """
-    found, at, kink = _locate_hinge(x, z, track)
-    return Break(x=at, kink=kink, turn=0.0) if found else None
+    if len(x) < 2 * MIN_SIDE_POINTS or np.ptp(x) < 4 * MIN_SIDE:
+        return None
+    low = float(x.min())
+    middle, parts, growth = _part_in_two(x - low, z, track)
+    variance = max(parts, LEAST) / len(x)
+    if growth < max(HINGE_SIGMAS**2 * variance, HINGE_MISFIT**2 * len(x)):
+        return None
+    # two pieces that meet aslant may part a little beside the hinge
+    places = low + middle + 2.0 * CELL * np.arange(-HINGE_STEPS, HINGE_STEPS + 1)
+    fits = [(*_fit_hinge(x - place, z, track), place) for place in places.tolist()]
+    error, kink, weight, place = min(fits)
+    if kink > -max(MIN_HINGE, HINGE_SIGMAS * math.sqrt(variance / weight)):
+        return None
+    is_all = error - parts <= (1.0 - HINGE_SHARE) * growth
+    return Break(x=place, kink=kink, turn=0.0) if is_all else None
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _locate_hinge(x, z, track):  # type: ignore[no-untyped-def]
-    """Tell whether there is a hinge, its place along x and its mean kink."""
-    if len(x) < 2 * MIN_SIDE_POINTS or x.max() - x.min() < 4 * MIN_SIDE:
-        return False, 0.0, 0.0
-    low = x.min()
-    before = add_up(x - low, np.zeros(len(z)), z - z.mean(), track)
+def _part_in_two(x, z, track):  # type: ignore[no-untyped-def]
+    """Return where two pieces fit tracks from 0 on best, their error, and what one adds to it."""
+    before = add_up(x, np.zeros(len(z)), z - z.mean(), track)
     last = before.shape[1] - 1
     bounds = np.array([0, last // 2, last])
     _settle(before, bounds)
     parts = solve_all(before, 0, bounds[1]) + solve_all(before, bounds[1], last)
-    growth = solve_all(before, 0, last) - parts
-    variance = max(parts, LEAST) / len(x)
-    if growth < max(HINGE_SIGMAS**2 * variance, HINGE_MISFIT**2 * len(x)):
-        return False, 0.0, 0.0
-
-    # a hinge near there; two pieces that meet it aslant may part a little beside it
-    least, at, kink, weight = np.inf, 0.0, 0.0, 0.0
-    for step in range(-HINGE_STEPS, HINGE_STEPS + 1):
-        place = (bounds[1] + 2 * step) * CELL
-        error, own_kink, own_weight = _fit_hinge(x - low - place, z, track, before.shape[0])
-        if error < least:
-            least, at, kink, weight = error, place, own_kink, own_weight
-    is_kink = kink <= -max(MIN_HINGE, HINGE_SIGMAS * math.sqrt(variance / weight))
-    is_all = least - parts <= (1.0 - HINGE_SHARE) * growth
-    return is_kink and is_all, at + low, kink
+    return bounds[1] * CELL, parts, solve_all(before, 0, last) - parts
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
-def _fit_hinge(x, z, track, num):  # type: ignore[no-untyped-def]
-    """Return the squared error of parabolas with a hinge at 0, its mean kink and its weight."""
-    length = x.max() - x.min()
-    normal, right, square = np.zeros((num, 4, 4)), np.zeros((num, 4)), np.zeros(num)
-    column, level = np.empty(4), z.mean()
-    for k in range(len(x)):
-        away, height, own = x[k] / length, z[k] - level, track[k]
-        column[0], column[1], column[2], column[3] = 1.0, away, away * away, min(away, 0.0)
-        square[own] += height * height
-        for m in range(4):
-            right[own, m] += column[m] * height
-            for j in range(4):
-                normal[own, m, j] += column[m] * column[j]
-    kink = weight = error = 0.0
-    for own in range(num):
-        if normal[own, 0, 0] < 2 * MIN_SIDE_POINTS:
+def _fit_hinge(x: Float64, z: Float64, track: Int64) -> tuple[float, float, float]:
+    """Return the squared error of tracks with a hinge at 0, its mean kink and its weight."""
+    error = kink = weight = 0.0
+    for number in range(int(track.max()) + 1):
+        own = track == number
+        if own.sum() < 2 * MIN_SIDE_POINTS:
             continue
-        inverse = np.linalg.pinv(normal[own])
-        model = inverse @ right[own]
-        error += square[own] - right[own] @ model
-        sure = length * length / max(inverse[3, 3], LEAST)
-        kink -= model[3] / length * sure
+        fall, share, rest = fit_kinked(x[own], z[own])
+        sure = 1.0 / max(float(share @ share), LEAST)
+        error += float(rest @ rest)
+        kink -= sure * fall
         weight += sure
     return error, kink / max(weight, LEAST), max(weight, LEAST)
+
+
+def fit_kinked(x: Float64, z: Float64) -> tuple[float, Float64, Float64]:
+    """
+    Fit a parabola with a kink at 0.
+
+    Parameters
+    ----------
+    x, z : (N,) float64
+        Along a track and up [m].
+
+    Returns
+    -------
+    fall : float
+        By how much the slope falls at 0.
+    share : (N,) float64
+        By how much that changes with each z [1/m].
+    rest : (N,) float64
+        Residuals [m].
+
+    """
+    length = (float(np.ptp(x)) if len(x) else 0.0) or 1.0
+    along = x / length
+    columns = np.column_stack([np.ones(len(along)), along, along**2, np.minimum(along, 0.0)])
+    inverse = np.linalg.pinv(columns)
+    added = inverse @ z
+    return float(added[3]) / length, inverse[3] / length, z - columns @ added
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

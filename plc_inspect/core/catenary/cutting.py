@@ -13,6 +13,7 @@ from plc_inspect.core.catenary.breaks import (
     Break,
     find_breaks,
     find_hinge,
+    fit_kinked,
     MIN_KINK,
     MIN_SIDE_POINTS,
 )
@@ -30,9 +31,9 @@ over a support between the wires of a rack has a tenth of its points there.
 """
 CLUSTER, PARAMETERS = 3.0, 4
 """
-Points of all tracks within so many metres of each other are one sample of a kink, and it takes so
-many of them.
-Source: derived: scan lines 1.5 m apart, of two strips by turns; a parabola and its kink.
+Points of all tracks within so many metres of each other are one sample of a kink; and it takes
+more of them than a parabola with a kink has parameters.
+Source: derived: scan lines 1.5 m apart, of two strips by turns; three, and the kink.
 """
 LEAST_HINGED = 3
 """Conductors that show a hinge together, at least.  Source: judgement."""
@@ -95,13 +96,9 @@ def measure_bend(
     inside = (along >= low) & (along <= high)
     along = along[inside]
     miss = points[curve.points[inside], 2] - curve.fit.height(along)
-    along = (along - x) / curve.length
-    columns = np.column_stack([np.ones(len(along)), along, along**2, np.minimum(along, 0.0)])
-    inverse = np.linalg.pinv(columns)
-    added = inverse @ miss
-    rest = miss - columns @ added
-    variance = float(rest @ rest) / max(len(rest) - len(added), 1) * float(inverse[3] @ inverse[3])
-    return float(added[3]) / curve.length, math.sqrt(variance) / curve.length
+    bend, share, rest = fit_kinked(along - x, miss)
+    variance = float(rest @ rest) / max(len(rest) - PARAMETERS, 1) * float(share @ share)
+    return bend, math.sqrt(variance)
 
 
 def cut_together(
@@ -143,7 +140,24 @@ def cut_together(
 def cut_each(
     points: Float64, group: Sequence[Curve], least: float = 0.0
 ) -> list[list[Curve]]:
-    """Return the parts of each of the curves of a group, as `cut_together`."""
+    """
+    Cut each curve of a group where, taken together, they are bent.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    group : sequence of Curve
+        C curves side by side.
+    least : float
+        Least length of a part [m].
+
+    Returns
+    -------
+    list of list of Curve
+        The parts of each, itself alone where it is not cut.
+
+    """
     places = _find_shared(points, group)
     return [
         _cut_at(points, curve, own, least) for curve, own in zip(group, places, strict=True)
@@ -197,7 +211,7 @@ def _add_hinges(
     result = list(breaks)
     for low, high in pairwise([-math.inf, *(item.x for item in breaks), math.inf]):
         inside = (x > low) & (x < high)
-        found = find_hinge(x[inside], z[inside], track[inside]) if inside.any() else None
+        found = find_hinge(x[inside], z[inside], track[inside])
         if found is not None:
             result += _keep_sure(x[inside], z[inside], track[inside], [found])
     return sorted(result, key=lambda item: item.x)
@@ -228,17 +242,13 @@ def _measure_kink(x: Float64, z: Float64, track: Int64) -> tuple[float, float]:
     scores = np.zeros(len(x))
     for number in range(int(track.max()) + 1):
         own = np.flatnonzero(track == number)
-        along, length = x[own], float(np.ptp(x[own])) if len(own) else 0.0
-        if min((along < 0.0).sum(), (along > 0.0).sum()) < MIN_SIDE_POINTS:
+        if min((x[own] < 0.0).sum(), (x[own] > 0.0).sum()) < MIN_SIDE_POINTS:
             continue
-        along = along / length
-        columns = np.column_stack([np.ones(len(own)), along, along**2, np.minimum(along, 0.0)])
-        inverse = np.linalg.pinv(columns)
-        share = inverse[3] / length
+        fall, share, rest = fit_kinked(x[own], z[own])
         sure = 1.0 / float(share @ share)
-        kink -= sure * float(share @ z[own])
+        kink -= sure * fall
         weight += sure
-        scores[own] = sure * share * (z[own] - columns @ (inverse @ z[own]))
+        scores[own] = sure * share * rest
     part = np.floor(x / CLUSTER).astype(np.int64)
     used, part = np.unique(part, return_inverse=True)
     if weight == 0.0 or len(used) <= PARAMETERS:

@@ -194,8 +194,7 @@ def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
         and part from it by more than conductors of one line do.
 
     """
-    near = find_near(curves, NEAREST)
-    result: Bool = _find_fans(pack_curves(curves), sure, free, near)
+    result: Bool = _find_fans(pack_curves(curves), sure, free, find_near(curves, NEAREST))
     return result
 
 
