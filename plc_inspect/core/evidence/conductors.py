@@ -26,14 +26,13 @@ from plc_inspect.core.catenary.curve_row import (
     SIN,
     to_local,
 )
-from plc_inspect.core.catenary.cutting import cut_each
 from plc_inspect.core.catenary.duplicates import drop_duplicates, find_along, is_thick
 from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.evidence.built import RAIL
-from plc_inspect.core.evidence.groups import list_groups
+from plc_inspect.core.evidence.groups import cut_groups
 from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, SIDE, Verdict
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.evidence.validation import (
@@ -157,15 +156,16 @@ def judge_curves(
     """
     Return all curves of the tracks, and what is believed of them.
 
-    A thick curve that is no conductor may lie over several: then its parts are tried, and those
-    that are conductors take its place; of one that hangs and is free, none clutters another.
-    Where nothing but too little evidence speaks against a curve, it is searched again in shorter
-    windows; then come steep conductors, and at last those beside others that are known.  Of what
-    is known these take back only what proves to be built, as stays of a crane whose jib is found
+    Those that ran over a support side by side are cut first.  A thick curve that is no conductor
+    may lie over several: then its parts are tried, and those that are conductors take its place;
+    of one that hangs and is free, none clutters another.  Where nothing but too little evidence
+    speaks against a curve, it is searched again in shorter windows; then come steep conductors,
+    those beside others that are known, and at last bands of wires as wide as bundles.  Of what is
+    known these take back only what proves to be built, as stays of a crane whose jib is found
     then.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
-    curves = cut_groups(points, curves, sight, settings)
+    curves = cut_groups(points, curves, sight, SIDE, settings)
     judge = Judge(points, index, sight, curves, settings)
     judge.decide()
     freed = _find_within(curves, judge.verdicts, parts, settings)
@@ -196,8 +196,8 @@ def judge_curves(
         found, _ = find_curves(points, index, tracks, settings, rng)
         fresh = _keep_new(points, found, settings, believed)
         judge.add(judge.try_more(fresh, beside=False))  # that has led to them already
-    wide = _widen_rest(points, index, judge, settings)
-    judge.add(judge.try_more(_keep_new(points, wide, settings, judge.believed)))
+    if wide := _widen_rest(points, index, judge, settings):
+        judge.add(judge.try_more(_keep_new(points, wide, settings, judge.believed)))
     return tuple(judge.curves), judge
 
 
@@ -271,20 +271,6 @@ def _find_within(
     ]
     along = find_along(parts, failed, settings.bundle_width)
     return [parts[k] for k in np.flatnonzero(along).tolist()]
-
-
-def cut_groups(
-    points: Float64, curves: Sequence[Curve], sight: GroundGrid, settings: CatenarySettings
-) -> tuple[Curve, ...]:
-    """Cut curves side by side where all of them are bent, as at a support."""
-    thin = [curve for curve in curves if not is_thick(curve)]
-    parts: dict[int, list[Curve]] = {}
-    for group in list_groups(thin, sight, SIDE):
-        own = [thin[number] for number in group.tolist()]
-        for curve, pieces in zip(own, cut_each(points, own), strict=True):
-            parts[id(curve)] = pieces
-    cut = [part for curve in curves for part in parts.get(id(curve), [curve])]
-    return drop_duplicates(points, cut, settings) if len(cut) != len(curves) else tuple(curves)
 
 
 def _list_bundles(

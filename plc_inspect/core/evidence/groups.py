@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Curves side by side, each with too little evidence, that prove together that they hang."""
+"""Curves side by side: they bend together at a support, and prove together that they hang."""
 
 from collections.abc import Sequence
 import math
@@ -11,7 +11,8 @@ import numpy as np
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import COS, HIGH, LOW, ORIGIN_X, ORIGIN_Y, SIN
-from plc_inspect.core.catenary.duplicates import PARALLEL
+from plc_inspect.core.catenary.cutting import cut_each
+from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick, PARALLEL
 from plc_inspect.core.evidence.validation import prove_sag
 from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.numerics.disjoint_sets import unite
@@ -63,13 +64,51 @@ def find_groups(
 
     """
     return [
-        group for group in list_groups(curves, sight, side)
+        group for group in _list_groups(curves, sight, side)
         if prove_together([curves[number] for number in group.tolist()], settings)
     ]
 
 
-def list_groups(curves: Sequence[Curve], sight: GroundGrid, side: float) -> list[Int64]:
-    """Return the groups of `find_groups`, whatever they prove."""
+def cut_groups(
+    points: Float64, curves: Sequence[Curve], sight: GroundGrid, side: float,
+    settings: CatenarySettings,
+) -> tuple[Curve, ...]:
+    """
+    Cut curves that run side by side over seen ground where all of them are bent.
+
+    Wires of a rack that ran over a low pole are straight as one curve, and so taken for bars.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        All of them, thick ones too.
+    sight : GroundGrid
+        Where the ground was seen.
+    side : float
+        Distance of curves of a group to the next one at most [m].
+    settings : CatenarySettings
+        Of duplicates.
+
+    Returns
+    -------
+    tuple of Curve
+        The parts and the others, longest first.
+
+    """
+    thin = [curve for curve in curves if not is_thick(curve)]
+    parts: dict[int, list[Curve]] = {}
+    for group in _list_groups(thin, sight, side):
+        own = [thin[number] for number in group.tolist()]
+        for curve, pieces in zip(own, cut_each(points, own), strict=True):
+            parts[id(curve)] = pieces
+    cut = [part for curve in curves for part in parts.get(id(curve), [curve])]
+    return drop_duplicates(points, cut, settings) if len(cut) != len(curves) else tuple(curves)
+
+
+def _list_groups(curves: Sequence[Curve], sight: GroundGrid, side: float) -> list[Int64]:
+    """Group curves that run side by side over seen ground, whatever their sags prove."""
     chosen = [
         number for number, curve in enumerate(curves)
         if curve.length >= LEAST_LENGTH and _measure_seen(curve, sight) >= LEAST_SEEN

@@ -37,8 +37,6 @@ SKEW = 0.3
 Attachments lie apart along the line by this share of what they do across it, or less.
 Source: judgement; not measured.
 """
-
-
 MOST_ASIDE, MOST_ABOVE = 5.0, 10.0
 """
 What meets farther aside, and farther above or below all others that do, hangs elsewhere [m].
@@ -91,7 +89,7 @@ def group_joints(
 
 
 def hang_apart(first: Float64, second: Float64) -> bool:
-    """Tell whether all of two sets of attachments, (K, 3) each [m], hang on different supports."""
+    """Tell whether no attachments of two sets, (K, 3) and (M, 3) [m], may be of one support."""
     apart = np.abs(first[:, None, :] - second[None, :, :])
     aside = np.hypot(apart[..., 0], apart[..., 1])
     return bool(((aside > MOST_ASIDE) & (apart[..., 2] > MOST_ABOVE)).all())

@@ -22,7 +22,6 @@ from plc_inspect.core.catenary.duplicates import drop_duplicates
 from plc_inspect.core.catenary.track_fit import split_at_supports
 from plc_inspect.core.evidence.conductors import (
     bridge,
-    cut_groups,
     model_conductors,
 )
 
@@ -165,28 +164,6 @@ def test_an_edge_with_other_things_all_along_it_is_no_conductor():
     assert found.objections == {'not free in the air': 1}
     lenient = dataclasses.replace(SETTINGS, max_clutter=1.0, min_evidence=0.0)
     assert len(model(points, lenient, tracks).curves) == 1
-
-
-def make_stepped_rack():
-    """Return points of five wires over a support that stands low, and a track over all of each."""
-    points = np.vstack([
-        make_wire((start, 0.0, low - 0.5 * k), (end, 0.0, high - 0.5 * k), 460.0, 5.0, 0.02, seed)
-        for k in range(5)
-        for seed, (start, low, end, high) in enumerate(
-            ((0.0, 9.0, 21.0, 10.0), (21.0, 10.0, 33.0, 10.5)), 2 * k
-        )
-    ])
-    return points, np.array_split(np.arange(len(points)), 5)
-
-
-def test_wires_of_a_rack_that_ran_over_a_support_are_cut_before_they_are_judged():
-    """As one curve they are straight, and of one plane, as the bars of a frame."""
-    points, own = make_stepped_rack()
-    curves = [make_curve(points, chosen, 0.3) for chosen in own]
-    parts = cut_groups(points, curves, make_sight(points), SETTINGS)
-    lengths = sorted(part.length for part in parts)
-    assert lengths == pytest.approx([12.0] * 5 + [21.0] * 5, abs=1.5)
-    assert len(cut_groups(points, curves[:2], make_sight(points), SETTINGS)) == 2
 
 
 def test_the_chords_of_a_truss_are_not_even_doubtful():

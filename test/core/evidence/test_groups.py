@@ -9,7 +9,7 @@ from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.duplicates import is_thick
-from plc_inspect.core.evidence.groups import find_groups, prove_together
+from plc_inspect.core.evidence.groups import cut_groups, find_groups, prove_together
 from plc_inspect.core.evidence.judge import Judge
 from plc_inspect.core.evidence.validation import prove_sag
 
@@ -131,3 +131,25 @@ def test_what_is_left_about_a_wire_is_no_other_one():
     judge = judge_all([wire, rest])
     assert [is_thick(curve) for curve in judge.curves] == [False, True]
     assert len(judge.believed) == 1
+
+
+def make_stepped_rack():
+    """Return points of five wires over a support that stands low, and a track over all of each."""
+    points = np.vstack([
+        make_wire((start, 0.0, low - 0.5 * k), (end, 0.0, high - 0.5 * k), 460.0, 5.0, 0.02, seed)
+        for k in range(5)
+        for seed, (start, low, end, high) in enumerate(
+            ((0.0, 9.0, 21.0, 10.0), (21.0, 10.0, 33.0, 10.5)), 2 * k
+        )
+    ])
+    return points, np.array_split(np.arange(len(points)), 5)
+
+
+def test_wires_of_a_rack_that_ran_over_a_support_are_cut_before_they_are_judged():
+    """As one curve they are straight, and of one plane, as the bars of a frame."""
+    points, own = make_stepped_rack()
+    curves = [make_curve(points, chosen, 0.3) for chosen in own]
+    parts = cut_groups(points, curves, make_sight(points), SIDE, SETTINGS)
+    lengths = sorted(part.length for part in parts)
+    assert lengths == pytest.approx([12.0] * 5 + [21.0] * 5, abs=1.5)
+    assert len(cut_groups(points, curves[:2], make_sight(points), SIDE, SETTINGS)) == 2
