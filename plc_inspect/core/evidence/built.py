@@ -20,6 +20,7 @@ from plc_inspect.core.evidence.validation import (
     BAR,
     DEEPEST,
     HELD,
+    is_bent,
     is_scan_line,
     may_be_held,
     prove_sag,
@@ -36,7 +37,7 @@ lines are 10 m apart and more.
 """
 CABLE_EVEN = 2
 """
-Even intervals between hangers of a cable whose sag is proven, at least.
+Even intervals between hangers of a cable that surely hangs, at least.
 Source: derived: one more that agrees with one; service drops, as deep, touch nothing evenly.
 """
 RAIL = 1.5
@@ -75,12 +76,12 @@ def are_held(
     """
     result = np.array([may_be_held(curve, settings) for curve in curves], dtype=np.bool_)
     own = list(compress(curves, result))
-    proven = np.array([prove_sag(curve, settings) == 1.0 for curve in own], dtype=np.bool_)
-    least = np.where(proven, CABLE_EVEN, LEAST_EVEN).tolist()
+    bent = np.array([is_bent(curve, settings) for curve in own], dtype=np.bool_)
+    least = np.where(bent, CABLE_EVEN, LEAST_EVEN).tolist()
     held = find_held(points, index, own, wire, LONGEST_BAY, least)
     edge = find_edges(points, index, own, wire)
     rows = pack_curves(own)
-    hung = proven & (rows[:, CURVATURE] > 1.0 / DEEPEST)
+    hung = bent & (rows[:, CURVATURE] > 1.0 / DEEPEST)
     hung |= np.abs(rows[:, SLOPE]) > STEEP
     held |= ((edge < RAIL) & (edge > -below)) | ((edge >= RAIL) & hung)
     result[result] = held

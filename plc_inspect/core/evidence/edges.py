@@ -26,10 +26,11 @@ from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64
 
-EDGE, DECK_ROOM = 0.3, 1.3
+EDGE, DECK_ROOM = 0.3, 2.0
 """
 A deck or roof lies from so far to so far beside what runs along its edge, at least [m].
-Source: derived: main cables are in the plane of the edge, to the miss of a curve on them.
+Source: derived: main cables are in the plane of the edge, to the miss of a curve on them; scan
+lines are up to 1.5 m apart.
 """
 DECK_STEP, FLAT, OPEN_DEPTH, EDGE_SHARE = 2.0, 0.2, 1.5, 0.7
 """
@@ -40,7 +41,8 @@ Source: judgement: a deck is straight to the noise; vehicles and trees take a th
 LEAST_WIDTH = 0.5
 """
 Extent of a deck across, from EDGE to DECK_ROOM, at least [m].
-Source: derived: half of what is looked at; a wire beside is straight, too, and has none.
+Source: judgement: scan lines of a zigzag are in pairs 0.2 m apart; a wire beside is
+straight, too, and has none.
 """
 
 

@@ -149,14 +149,24 @@ def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
     What is surely straight goes with the square of how sure that is, as likelihoods do.
     """
     sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
-    significance = float(curve.fit.shape[2]) / sigma if sigma > 0.0 else 0.0
     sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
-    proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
+    proof = min(_measure_bend(curve, settings), 1.0) if sags else 0.0
     if proof == 1.0 or not is_straight(curve, STRAIGHTEST):
         return proof
     sigma = math.hypot(sigma, 8.0 * MISLAID / curve.length**2)  # the curvature of such a sag
     deviations = (1.0 / STRAIGHTEST - float(curve.fit.shape[2])) / sigma
     return -min(max(deviations / SURE, 1.0)**2, MOST_STRAIGHT)
+
+
+def is_bent(curve: Curve, settings: CatenarySettings) -> bool:
+    """Tell whether a curve surely hangs, be it as deep as no conductor does."""
+    return curve.fit.c <= settings.max_constant and _measure_bend(curve, settings) >= 1.0
+
+
+def _measure_bend(curve: Curve, settings: CatenarySettings) -> float:
+    """Return the significance of a curvature, by the one that is asked."""
+    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
+    return float(curve.fit.shape[2]) / sigma / settings.min_significance if sigma > 0.0 else 0.0
 
 
 def may_be_held(curve: Curve, settings: CatenarySettings) -> bool:

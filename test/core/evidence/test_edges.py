@@ -69,6 +69,12 @@ def test_the_rail_of_a_roof_is_as_high_above_its_edge_as_it_is():
     assert measure(make_straight(0.0, 11.1), points[num:]) == pytest.approx(1.1, abs=0.05)
 
 
+def test_a_deck_is_known_in_scan_lines():
+    points, num = make_bridge(2.0)
+    deck = np.vstack([make_straight(y, 10.0) for y in (0.6, 0.85, 1.45, 1.7)])
+    assert measure(points[:num], deck) == pytest.approx(6.2, abs=0.1)
+
+
 def test_another_wire_beside_and_below_is_no_edge():
     other = make_straight(0.7, 9.0)
     assert np.isnan(measure(make_straight(0.0, 10.0), other))
