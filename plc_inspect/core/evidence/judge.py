@@ -19,7 +19,10 @@ from plc_inspect.core.evidence.groups import find_groups, prove_together
 from plc_inspect.core.evidence.stays import (
     find_chords,
     find_fans,
+    find_hung,
     find_stays,
+    is_beam,
+    is_solid,
     STEEP,
     STEEP_CONSTANT,
 )
@@ -32,7 +35,6 @@ from plc_inspect.core.evidence.validation import (
     may_be_held,
     prove_sag,
     STAY,
-    STRAIGHTEST,
     TIED,
     UNPROVEN,
     UNTIDY,
@@ -47,17 +49,6 @@ SIDE = 3.0
 Distance within which a piece runs beside a conductor [m].
 Source: judgement; conductors of one low- or medium-voltage line are up to 1.5 m apart, and its
 telecom wires hang 1 to 3 m below.
-"""
-BEAM_CLUTTER = 0.3
-"""
-Metres of a beam with other things about it, less free ones, for each of its length, at least; of
-one that is surely straight any.
-Source: measured: the jibs of seven random cranes have 0.36 to 0.9.
-"""
-SOLID = 0.5
-"""
-The same of a beam that things run along as chords of its frame.
-Source: measured: beams above rails of gantries and pipe racks of random scenes have 0.59 to 1.
 """
 MOST_OF_OTHERS = 0.5
 """
@@ -109,6 +100,7 @@ class Judge:
         self.wire: Bool = np.zeros(len(points), dtype=bool)
         """(N,) points that do not clutter a curve, as they are wires themselves."""
         self._spared = np.empty(0, dtype=np.int64)
+        self._beams: list[tuple[Curve, FreeLength]] = []
         self.verdicts = [*believed, *(
             Verdict(
                 profile=profile, free=UNKNOWN, beside=False,
@@ -176,6 +168,7 @@ class Judge:
             [self.verdicts[number] for number in known],
         )
         trial.spare(self._spared if spared is None else spared)
+        trial._beams = self._beams
         trial.decide(beside=beside)
         for number, verdict in zip(known, trial.verdicts, strict=False):
             if prove_sag(self.curves[number], self._settings) < 1.0:
@@ -240,31 +233,40 @@ class Judge:
     def _unstay(self) -> None:
         """Take back what is of a beam, fans out, or is steep and straight."""
         proofs = [prove_sag(curve, self._settings) for curve in self.curves]
+        rest = [
+            number for number, verdict in enumerate(self.verdicts) if verdict.objection != TIED
+        ]
         numbers = [
-            number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection != TIED and may_be_held(self.curves[number], self._settings)
+            number for number in rest if may_be_held(self.curves[number], self._settings)
         ]
         curves = [self.curves[number] for number in numbers]
-        straight = np.array([proofs[number] < 0.0 for number in numbers], dtype=bool)
-        deep = np.array([proofs[number] == 1.0 for number in numbers], dtype=bool)
+        verdicts = [self.verdicts[number] for number in numbers]
+        own = np.array([proofs[number] for number in numbers])
+        straight, deep = own < 0.0, own == 1.0
         steep = np.array([
             abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
         ], dtype=bool)
         bars = np.array([is_straight(curve, STEEP_CONSTANT) for curve in curves], dtype=bool)
         free = np.array([
-            self.verdicts[number].free.wide >= FREE_SHARE * self.curves[number].length
-            for number in numbers
+            verdict.free.wide >= FREE_SHARE * curve.length
+            for curve, verdict in zip(curves, verdicts, strict=True)
         ], dtype=bool)
-        beams = [number for number in numbers if self._is_beam(number, proofs[number])]
-        solid = [
-            self.curves[number] for number in beams
-            if self.curves[number].length >= self._settings.min_evidence
-            and self.verdicts[number].free.wide <= -SOLID * self.curves[number].length
+        # beams of earlier searches hold what is found later
+        self._beams = [*self._beams, *(
+            (curve, verdict.free)
+            for curve, verdict, proof in zip(curves, verdicts, own.tolist(), strict=True)
+            if verdict.objection and is_beam(curve, verdict.free, proof)
+        )]
+        beams = [beam for beam, _ in self._beams]
+        frames = [
+            beam for beam, room in self._beams
+            if beam.length >= self._settings.min_evidence and is_solid(beam, room)
         ]
-        stays = find_stays(curves, straight | deep, [self.curves[k] for k in beams])
-        stays |= find_fans(curves, straight | steep, free & ~deep) | find_chords(curves, solid)
-        stays |= steep & bars
-        for number in np.array(numbers, dtype=np.int64)[stays].tolist():
+        hanging = np.setdiff1d(rest, numbers)
+        stays = find_stays(curves, straight | deep, beams) | find_chords(curves, frames)
+        stays |= find_fans(curves, straight | steep, free & ~deep) | (steep & bars)
+        hung = find_hung([self.curves[number] for number in hanging.tolist()], beams)
+        for number in [*np.array(numbers, dtype=np.int64)[stays], *hanging[hung]]:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
@@ -280,15 +282,6 @@ class Judge:
         return name_built(
             self._points, self._index, curves, self.wire, self._settings, below
         )
-
-    def _is_beam(self, number: int, proof: float) -> bool:
-        """Whether a curve, of whose sag there is a proof, is straight and part of a solid."""
-        curve, verdict = self.curves[number], self.verdicts[number]
-        share = verdict.free.wide / curve.length
-        if not verdict.objection or not math.isfinite(share):
-            return False
-        solid = share <= -BEAM_CLUTTER and curve.fit.c > STRAIGHTEST
-        return solid or (share < 0.0 and proof < 0.0)
 
     def _mark(self, numbers: Int64) -> None:
         for number in numbers.tolist():

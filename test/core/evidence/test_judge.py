@@ -201,17 +201,34 @@ def test_a_steep_straight_bar_is_a_stay_and_a_level_one_is_not():
     assert judge([make_bar(12.0, 12.5)]) == ['']
 
 
-@pytest.mark.parametrize(('share', 'expected'), [(0.6, STAY), (0.4, UNPROVEN)])
-def test_what_is_surely_straight_and_more_cluttered_than_free_is_a_beam_of_stays(share, expected):
-    """The jib of a crane that was seen in few points."""
-    rng = np.random.default_rng(4)
-    around = [
+def clutter_jib(share, seed=4):
+    """Return points about a share of the metres of a bar 60 m long, 12 m high."""
+    rng = np.random.default_rng(seed)
+    return [
         np.column_stack([rng.uniform(x, x + 1.0, 25), rng.uniform(-0.5, 0.5, 25),
                          rng.uniform(10.8, 12.4, 25)])
         for x in rng.permutation(60)[: int(share * 60)]
     ]
+
+
+@pytest.mark.parametrize(('share', 'expected'), [(0.6, STAY), (0.4, UNPROVEN)])
+def test_what_is_surely_straight_and_more_cluttered_than_free_is_a_beam_of_stays(share, expected):
+    """The jib of a crane that was seen in few points."""
     bars = [make_bar(17.5, 13.5, 20.0, 38.0), make_bar(12.0, 12.0, 0.0, 60.0)]
-    assert judge(bars, around) == [expected, UNPROVEN]
+    assert judge(bars, clutter_jib(share)) == [expected, UNPROVEN]
+
+
+def test_a_beam_holds_what_is_found_later():
+    stay, jib = make_bar(17.5, 13.5, 20.0, 38.0), make_bar(12.0, 12.0, 0.0, 60.0)
+    stay[:, 2] += (stay[:, 0] - 20.0) * (stay[:, 0] - 38.0) / 800.0  # over two of them
+    points = np.vstack([stay, jib, *clutter_jib(0.6)])
+    first, then = np.arange(len(stay), len(stay) + len(jib)), np.arange(len(stay))
+    found = Judge(
+        points, make_index(points), make_sight(points), [make_curve(points, first)],
+        CatenarySettings(),
+    )
+    found.decide()
+    assert found.try_more([make_curve(points, then)]) == []
 
 
 @pytest.mark.parametrize(('last', 'expected'), [(14.0, STAY), (21.7, '')])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from toys import make_curve
 
-from plc_inspect.core.evidence.stays import find_chords, find_fans, find_stays
+from plc_inspect.core.evidence.stays import find_chords, find_fans, find_hung, find_stays
 
 X = np.linspace(0.0, 60.0, 600)
 
@@ -39,6 +39,16 @@ def test_bars_that_come_down_on_a_beam_are_its_stays(curve):
 ])
 def test_other_lines_near_a_beam_are_none(curve):
     assert find_stays([curve], NO, [BEAM]).tolist() == [False]
+
+
+@pytest.mark.parametrize(('curve', 'expected'), [
+    (bar(2.0, 40.0, 20.5, 27.0), True),
+    (bar(20.0, 40.0, 23.4, 27.0), False),  # where it goes was not seen
+    (bar(2.0, 58.0, 22.0, 22.5), False),
+])
+def test_what_seems_to_hang_is_a_stay_where_it_comes_down_on_a_beam(curve, expected):
+    assert find_hung([curve], [BEAM]).tolist() == [expected]
+    assert find_hung([curve], []).tolist() == [False]
 
 
 @pytest.mark.parametrize(('curve', 'expected'), [
