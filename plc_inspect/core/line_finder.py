@@ -311,8 +311,8 @@ def _hang(
         np.array([pole.position for pole in poles]).reshape(-1, 2),
     ))
     layout = find_layout(
-        cloud.points, conductors.curves, adopt(cloud, conductors, settings), settings.supports,
-        poles,
+        cloud.points, conductors.curves, adopt(cloud, conductors, height.ground, settings),
+        settings.supports, poles,
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, seeds, spans, settings)

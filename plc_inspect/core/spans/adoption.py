@@ -4,18 +4,23 @@
 """Second looks: curves that supports prove to be conductors, or to be none."""
 
 from collections.abc import Iterator, Sequence
+from itertools import compress
+import math
 
 import numpy as np
 
 from plc_inspect.config import CatenarySettings, Settings
 from plc_inspect.core.catenary.bundles import widen_to
 from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
+from plc_inspect.core.catenary.curve_row import COS, SIN
 from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.built import LONGEST_BAY
 from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.contacts import is_regular
+from plc_inspect.core.evidence.roof_rows import are_roof_rows
 from plc_inspect.core.evidence.validation import may_be_held
+from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import choose_pairs, meet_ends
@@ -27,6 +32,11 @@ ADOPTION_MISS = 0.3
 """
 A doubtful curve meets a believed one within this [m].
 Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
+"""
+MOST_TURN = math.cos(math.radians(30.0))
+"""
+Cosine of the turn from a conductor to what goes on from it over a roof, at least.
+Source: judgement: rows of a scanner run any way; lines over ground that was not seen go on.
 """
 LEAST_BAYS = 2
 """
@@ -49,7 +59,7 @@ def find_borne(
 
 
 def adopt(
-    cloud: OffGround, conductors: ConductorResult, settings: Settings
+    cloud: OffGround, conductors: ConductorResult, sight: GroundGrid, settings: Settings
 ) -> tuple[Curve, ...]:
     """
     Find the curves that continue a conductor at a support, best seen first.
@@ -57,7 +67,7 @@ def adopt(
     A conductor goes on beyond its support, so a curve that meets it there needs no evidence of
     its own but that it is not one of many lines in a crown.  It is what the conductor is: the
     continuation of a bundle takes in all sub-conductors.  Others that continue conductors beside
-    it are no crown.
+    it are no crown.  The rows of a roof at which a service drop ends run another way.
 
     Parameters
     ----------
@@ -65,6 +75,8 @@ def adopt(
         Points of the curves.
     conductors : ConductorResult
         Curves that are believed, and those that may be.
+    sight : GroundGrid
+        Where the ground was seen.
     settings : Settings
         Of all stages.
 
@@ -79,10 +91,21 @@ def adopt(
         [*conductors.doubtful, *crowded], key=lambda curve: (-curve.num_points, *curve.origin)
     )
     meetings = _Meetings(conductors.curves, waiting, settings.supports.max_reach)
+    on_roof = are_roof_rows(waiting, sight).tolist()
+    rows = {id(curve) for curve in compress(waiting, on_roof)}
     # what is adopted may be gone on from in its turn
-    while (adopted := next(meetings.find_all(), None)) is not None:
-        meetings.believe(adopted[0])
+    while (adopted := next((
+        number for number, curve, partner in meetings.find_all()
+        if id(curve) not in rows or _run_alike(curve, partner)
+    ), None)) is not None:
+        meetings.believe(adopted)
     return tuple(meetings.believed[len(conductors.curves) :])
+
+
+def _run_alike(one: Curve, other: Curve) -> bool:
+    """Tell whether two curves run the same way in plan, but for MOST_TURN."""
+    cosine = one.row[COS] * other.row[COS] + one.row[SIN] * other.row[SIN]
+    return abs(float(cosine)) >= MOST_TURN
 
 
 class _Meetings:

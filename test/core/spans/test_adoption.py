@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from toys import make_curve, make_route, make_tree, make_wire
+from toys import make_curve, make_route, make_sight, make_tree, make_wire
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import find_near
@@ -21,7 +21,7 @@ TWIN = 0.4
 """Distance of the sub-conductors of a bundle [m]."""
 
 
-def take(points, believed, doubtful=(), crowded=()):
+def take(points, believed, doubtful=(), crowded=(), seen=True):
     """Adopt curves of a cloud in which all is off the ground."""
     ground = np.array([[x, y, 0.0] for x in range(-20, 140, 2) for y in range(-20, 21, 2)])
     everything = np.vstack([points, ground])
@@ -37,7 +37,7 @@ def take(points, believed, doubtful=(), crowded=()):
     return adopt(cloud, ConductorResult(
         curves=tuple(curves[0]), doubtful=tuple(curves[1]), crowded=tuple(curves[2]),
         objections={}, wire=wire,
-    ), SETTINGS)
+    ), make_sight(everything, seen), SETTINGS)
 
 
 def add(points, *clouds):
@@ -106,6 +106,24 @@ def test_a_curve_that_continues_another_is_adopted():
     adopted = take(points, [believed], [doubtful, alone])
     assert [curve.num_points for curve in adopted] == [doubtful.num_points]
     assert take(points, [believed], [alone]) == ()
+
+
+@pytest.mark.parametrize(('turn', 'seen', 'expected'), [
+    (45.0, False, False), (45.0, True, True), (10.0, False, True),
+])
+def test_rows_of_a_roof_go_on_no_drop_that_ends_at_it(turn, seen, expected):
+    drop = make_wire((0.0, 0.0, 10.0), (30.0, 0.0, 8.0), seed=5)
+    turn = np.radians(turn)
+    way = np.array([np.cos(turn), np.sin(turn), -0.2])
+    rows = [
+        make_wire(start, start + 8.0 * way, 4000.0, seed=seed)
+        for seed, start in enumerate(
+            np.array([30.4, 0.0, 8.0]) + 0.8 * k * np.array([-np.sin(turn), np.cos(turn), 0.0])
+            for k in range(3)
+        )
+    ]
+    points, (believed, *doubtful) = add(np.empty((0, 3)), drop, *rows)
+    assert bool(take(points, [believed], doubtful, seen=seen)) == expected
 
 
 def test_of_two_the_better_seen_continues():
