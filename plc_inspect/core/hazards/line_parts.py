@@ -22,6 +22,7 @@ from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns, find_straight
 from plc_inspect.core.hazards.wires import (
+    are_parallel,
     CLEARING,
     find_free,
     find_wires,
@@ -46,8 +47,7 @@ Source: judgement; as evidence.conductors.MAX_MISS."""
 APART = 1e5
 """Distance that parts the frames of spans [m].  Source: numerical: far beyond any span."""
 MARGIN = 1.0
-"""Distance beyond the reach of the rules from which points are looked at [m].
-Source: derived: more than CLEARING."""
+"""Distance beyond the rules' reach of what is looked at [m].  Source: derived: over CLEARING."""
 GAP = (2.0, 0.4, 0.4)
 """
 Edges of the cells along, across and above a span; what lies in cells that touch is one thing [m].
@@ -77,8 +77,7 @@ JUMPER_ROOM = 8.0
 """Distance along the line from an end within which jumpers and insulators hang [m].
 Source: judgement; on bench/hazards.py one was at 6 m."""
 JUMPER_REACH = 2.5
-"""Distance from a conductor that jumpers and insulators hang within [m].
-Source: judgement; not measured."""
+"""Distance from a conductor within which these hang [m].  Source: judgement; not measured."""
 POLE_WIDTH = 1.2
 """Extent in plan, along each axis, of a pole or a piece of one at most [m].
 Source: chosen on bench/hazards.py."""
@@ -279,24 +278,29 @@ def _find_scraps(
 
     """
     if not len(places):
-        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+        return beyond, beyond
     thing = group_cells(places, np.array(GAP))
     mean, low, high, slope, spread = measure_groups(places, thing)
     farthest, nearest = np.zeros(len(mean)), np.full(len(mean), np.inf)
     np.minimum.at(nearest, thing, distance)
     num = np.bincount(thing)
-    next_span = (num < FEW) & (np.bincount(thing, weights=beyond) == num)
+    is_beyond = np.bincount(thing, weights=beyond) == num
+    next_span = (num < FEW) & is_beyond
     distance = np.where((num < FEW)[thing], beside, distance)
     np.maximum.at(farthest, thing, distance)
     extent = high - low
-    piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
-    piece &= (extent[:, 0] >= PIECE_LENGTH) & (num >= PIECE_POINTS)
+    long = (extent[:, 0] >= PIECE_LENGTH) & (num >= PIECE_POINTS)
+    piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1) & long
     from_end = np.abs(mean[:, 0, None] - ends).min(axis=1)
     thin, straight = tell_thin(places, thing)
-    piece |= straight & (from_end <= JUMPER_ROOM)  # service drops, stays
+    at_end = from_end <= JUMPER_ROOM
+    piece |= straight & at_end  # service drops, stays
+    row = long & is_beyond & at_end & (spread.min(axis=1) <= THIN)
+    for number in np.flatnonzero(row & ~piece).tolist():  # the first metres of the next span
+        piece[number] = are_parallel(places[thing == number])
     pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
     pole &= thin | (nearest <= POLE_REACH)
-    reach = np.where((from_end <= JUMPER_ROOM) | next_span, JUMPER_REACH, FREE_RADIUS)
+    reach = np.where(at_end | next_span, JUMPER_REACH, FREE_RADIUS)
     apart = (farthest <= reach)[thing] & ~_go_on(places, thing, distance, (pole | piece), reach)
     return apart | pole[thing], piece[thing]
 

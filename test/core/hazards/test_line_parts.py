@@ -264,8 +264,8 @@ def test_a_few_points_of_the_next_span_are_of_it_however_far_a_rule_reaches(num,
 def test_a_few_points_of_the_next_span_are_no_hazard(num, own):
     model = fit_model(open_start=False, open_end=False)
     x = np.linspace(102.6, 104.4, num)
-    places = np.arange(num)
-    points = np.column_stack([x, 0.5 + 0.2 * (places % 3), 11.5 + 0.2 * (places % 2)])
+    y, z = np.random.default_rng(3).uniform((0.5, 11.5), (0.9, 11.8), (num, 2)).T
+    points = np.column_stack([x, y, z])
     found, _, _ = find(points, model)
     assert found.all() == own
     assert len(raise_hazards(points, model)) == (not own)
@@ -282,3 +282,17 @@ def test_rows_of_a_scanner_on_a_roof_are_no_wires(seen, unmodelled):
     assert found[1].all() == unmodelled
     assert found[1].any() == unmodelled
     assert (found[2] > 0) == unmodelled
+
+
+@pytest.mark.parametrize(('apart', 'is_row'), [(0.35, True), (None, False)])
+def test_the_first_metres_of_the_next_span_are_wires_and_a_scan_line_over_a_crown_is_none(
+    apart, is_row
+):
+    rng = np.random.default_rng(14)
+    x = rng.uniform(2.2, 4.2, 60)
+    z = rng.uniform(-1.2, 0.0, 60) if apart is None else -apart * rng.integers(0, 4, 60)
+    points = np.column_stack([100.0 + x, 0.1 * x, 12.0 - 0.2 * x + z])
+    points += rng.normal(0.0, 0.02, points.shape)
+    _, unmodelled, _ = find(points, fit_model(open_end=False))
+    assert unmodelled.all() == is_row
+    assert unmodelled.any() == is_row
