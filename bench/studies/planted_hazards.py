@@ -241,6 +241,9 @@ def judge_item(
         exactly = [hazard for hazard, k in zip(result.hazards, rests, strict=True)
                    if any(hazard is other for other in mine) and k in own]
         exactly.sort(key=lambda hazard: hazard.clearance)  # one thing may be parted
+        if item.kind == HazardKind.FALL_IN:  # what is one as it stands is not told twice
+            mine += [hazard for hazard, k in zip(result.hazards, rests, strict=True)
+                     if hazard.kind == HazardKind.VEGETATION and k in own]
     else:
         found = measure_wires(item, planted)
         if found is None:
