@@ -13,6 +13,7 @@ from toys import make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import parse_rules, plain_rules
+from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees
 from plc_inspect.core.hazards.hazards import complete_spans, find_hazards
 from plc_inspect.core.hazards.low_conductors import find_low_conductors, GROUND_SIGMA
 from plc_inspect.core.spans.span_model import find_support
@@ -236,6 +237,23 @@ def test_falling_trees(foot, falls):
         assert item.clearance == pytest.approx(math.hypot(foot, z) - tall, abs=0.05)
         assert item.height == pytest.approx(tall, abs=0.05)
     assert not any(item.kind == HazardKind.FALL_IN for item in search(cone, models))
+
+
+@pytest.mark.parametrize(('num', 'falls'), [(1, False), (12, True)])
+def test_the_head_of_a_pole_is_no_tree_for_a_point_that_reaches_beyond(num, falls):
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    rng = np.random.default_rng(6)
+    head = np.vstack([
+        rng.uniform((-1.2, -0.9, 9.0), (1.2, 0.9, 11.8), (40, 3)),
+        rng.uniform((1.6, -0.9, 9.0), (2.4, 0.9, 11.4), (num, 3)),
+    ])
+    nothing = np.zeros(len(head), dtype=bool)
+    found = find_falling_trees(
+        Fallible(points=head, height=head[:, 2], surface=nothing, slender=nothing),
+        models, make_supports(), plain_rules(HazardSettings(fall_distance=1.0)),
+        HazardSettings(), (),
+    )
+    assert bool(found) == falls
 
 
 def test_a_tree_that_is_a_hazard_where_it_stands_is_not_told_twice():
