@@ -4,6 +4,7 @@
 """Edges of decks and roofs: rails, main cables and scan lines on walls run along them."""
 
 from collections.abc import Sequence
+import math
 
 from numba import njit
 import numpy as np
@@ -26,11 +27,11 @@ from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64
 
-EDGE, DECK_ROOM = 0.3, 2.0
+EDGE, DECK_ROOMS = 0.3, (1.3, 2.0)
 """
 A deck or roof lies from so far to so far beside what runs along its edge, at least [m].
 Source: derived: main cables are in the plane of the edge, to the miss of a curve on them; scan
-lines are up to 1.5 m apart.
+lines are up to 1.5 m apart, and what is farther in was seen below the deck, too.
 """
 DECK_STEP, FLAT, OPEN_DEPTH, EDGE_SHARE = 2.0, 0.2, 1.5, 0.7
 """
@@ -40,7 +41,7 @@ Source: judgement: a deck is straight to the noise; vehicles and trees take a th
 """
 LEAST_WIDTH = 0.5
 """
-Extent of a deck across, from EDGE to DECK_ROOM, at least [m].
+Extent of a deck across, beyond EDGE, at least [m].
 Source: judgement: scan lines of a zigzag are in pairs 0.2 m apart; a wire beside is
 straight, too, and has none.
 """
@@ -69,20 +70,25 @@ def find_edges(
         Height of each above its edge [m], negative below it, NaN along none.
 
     """
-    return np.array(call_each(
-        lambda k: _find_edge(points, index.grid, curves[k].row, wire), len(curves)
-    ), dtype=np.float64)
+    def find(number: int) -> float:
+        near, far = (
+            float(_find_edge(points, index.grid, curves[number].row, wire, room))
+            for room in DECK_ROOMS
+        )
+        return far if math.isnan(near) else near
+
+    return np.array(call_each(find, len(curves)), dtype=np.float64)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_edge(points, grid, row, wire):  # type: ignore[no-untyped-def]
+def _find_edge(points, grid, row, wire, room):  # type: ignore[no-untyped-def]
     """Return how high a row's curve is above what is flat on one side and open on the other."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, DECK_ROOM,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, room,
     )
     # the points on each side, part by part
     num, opened = max(int((high - low) / DECK_STEP), 1), open_row(row)
@@ -90,7 +96,7 @@ def _find_edge(points, grid, row, wire):  # type: ignore[no-untyped-def]
     part, count = np.empty(len(near), dtype=np.int64), 0
     for i in near:
         x, y = see_beside(opened, points[i, 0], points[i, 1])
-        if wire[i] or x < low or x >= high or not EDGE <= abs(y) <= DECK_ROOM:
+        if wire[i] or x < low or x >= high or not EDGE <= abs(y) <= room:
             continue
         if abs(see_above(opened, x, points[i, 2])[0]) > row[TOLERANCE]:
             place = min(int((x - low) / (high - low) * num), num - 1)
