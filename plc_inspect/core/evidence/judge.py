@@ -232,7 +232,6 @@ class Judge:
 
     def _unstay(self) -> None:
         """Take back what is of a beam, fans out, or is steep and straight."""
-        proofs = [prove_sag(curve, self._settings) for curve in self.curves]
         rest = [
             number for number, verdict in enumerate(self.verdicts) if verdict.objection != TIED
         ]
@@ -241,8 +240,8 @@ class Judge:
         ]
         curves = [self.curves[number] for number in numbers]
         verdicts = [self.verdicts[number] for number in numbers]
-        own = np.array([proofs[number] for number in numbers])
-        straight, deep = own < 0.0, own == 1.0
+        proofs = np.array([prove_sag(curve, self._settings) for curve in curves])
+        straight, deep = proofs < 0.0, proofs == 1.0
         steep = np.array([
             abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
         ], dtype=bool)
@@ -254,7 +253,7 @@ class Judge:
         # beams of earlier searches hold what is found later
         self._beams = [*self._beams, *(
             (curve, verdict.free)
-            for curve, verdict, proof in zip(curves, verdicts, own.tolist(), strict=True)
+            for curve, verdict, proof in zip(curves, verdicts, proofs.tolist(), strict=True)
             if verdict.objection and is_beam(curve, verdict.free, proof)
         )]
         beams = [beam for beam, _ in self._beams]

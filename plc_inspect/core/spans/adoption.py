@@ -33,7 +33,7 @@ ADOPTION_MISS = 0.3
 A doubtful curve meets a believed one within this [m].
 Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
 """
-MOST_TURN = math.cos(math.radians(30.0))
+ALIKE = math.cos(math.radians(30.0))
 """
 Cosine of the turn from a conductor to what goes on from it over a roof, at least.
 Source: judgement: rows of a scanner run any way; lines over ground that was not seen go on.
@@ -103,9 +103,9 @@ def adopt(
 
 
 def _run_alike(one: Curve, other: Curve) -> bool:
-    """Tell whether two curves run the same way in plan, but for MOST_TURN."""
+    """Tell whether two curves run the same way in plan, but for ALIKE."""
     cosine = one.row[COS] * other.row[COS] + one.row[SIN] * other.row[SIN]
-    return abs(float(cosine)) >= MOST_TURN
+    return abs(float(cosine)) >= ALIKE
 
 
 class _Meetings:
