@@ -71,11 +71,11 @@ def find_edges(
 
     """
     def find(number: int) -> float:
-        near, far = (
-            float(_find_edge(points, index.grid, curves[number].row, wire, room))
-            for room in DECK_ROOMS
-        )
-        return far if math.isnan(near) else near
+        for room in DECK_ROOMS:
+            edge = float(_find_edge(points, index.grid, curves[number].row, wire, room))
+            if not math.isnan(edge):
+                break
+        return edge
 
     return np.array(call_each(find, len(curves)), dtype=np.float64)
 

@@ -75,6 +75,15 @@ def test_a_deck_is_known_in_scan_lines():
     assert measure(points[:num], deck) == pytest.approx(6.2, abs=0.1)
 
 
+def test_a_deck_that_was_seen_from_below_is_known_at_its_edge():
+    points, num = make_bridge(2.0)
+    rng = np.random.default_rng(4)
+    below = np.column_stack([
+        rng.uniform(0.0, 60.0, 3000), rng.uniform(1.4, 2.0, 3000), rng.normal(2.0, 0.03, 3000)
+    ])
+    assert measure(points[:num], np.vstack([points[num:], below])) == pytest.approx(6.2, abs=0.1)
+
+
 def test_another_wire_beside_and_below_is_no_edge():
     other = make_straight(0.7, 9.0)
     assert np.isnan(measure(make_straight(0.0, 10.0), other))
