@@ -4,7 +4,6 @@
 """Second looks: curves that supports prove to be conductors, or to be none."""
 
 from collections.abc import Iterator, Sequence
-from itertools import compress
 import math
 
 import numpy as np
@@ -91,15 +90,17 @@ def adopt(
         [*conductors.doubtful, *crowded], key=lambda curve: (-curve.num_points, *curve.origin)
     )
     meetings = _Meetings(conductors.curves, waiting, settings.supports.max_reach)
-    on_roof = are_roof_rows(waiting, sight).tolist()
-    rows = {id(curve) for curve in compress(waiting, on_roof)}
+    num, on_roof = len(conductors.curves), are_roof_rows(waiting, sight)
+
+    def list_fit() -> Iterator[int]:
+        for number, curve, partner in meetings.find_all():
+            if not on_roof[number - num] or _run_alike(curve, partner):
+                yield number
+
     # what is adopted may be gone on from in its turn
-    while (adopted := next((
-        number for number, curve, partner in meetings.find_all()
-        if id(curve) not in rows or _run_alike(curve, partner)
-    ), None)) is not None:
+    while (adopted := next(list_fit(), None)) is not None:
         meetings.believe(adopted)
-    return tuple(meetings.believed[len(conductors.curves) :])
+    return tuple(meetings.believed[num:])
 
 
 def _run_alike(one: Curve, other: Curve) -> bool:
