@@ -148,12 +148,12 @@ def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
 
     What is surely straight goes with the square of how sure that is, as likelihoods do.
     """
-    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
     sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
     proof = min(_measure_bend(curve, settings), 1.0) if sags else 0.0
     if proof == 1.0 or not is_straight(curve, STRAIGHTEST):
         return proof
-    sigma = math.hypot(sigma, 8.0 * MISLAID / curve.length**2)  # the curvature of such a sag
+    # with the curvature of such a sag
+    sigma = math.hypot(_measure_sigma(curve), 8.0 * MISLAID / curve.length**2)
     deviations = (1.0 / STRAIGHTEST - float(curve.fit.shape[2])) / sigma
     return -min(max(deviations / SURE, 1.0)**2, MOST_STRAIGHT)
 
@@ -165,8 +165,13 @@ def is_bent(curve: Curve, settings: CatenarySettings) -> bool:
 
 def _measure_bend(curve: Curve, settings: CatenarySettings) -> float:
     """Return the significance of a curvature, by the one that is asked."""
-    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
+    sigma = _measure_sigma(curve)
     return float(curve.fit.shape[2]) / sigma / settings.min_significance if sigma > 0.0 else 0.0
+
+
+def _measure_sigma(curve: Curve) -> float:
+    """Return the standard deviation of a curvature [1/m]."""
+    return math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
 
 
 def may_be_held(curve: Curve, settings: CatenarySettings) -> bool:
@@ -176,8 +181,7 @@ def may_be_held(curve: Curve, settings: CatenarySettings) -> bool:
 
 def is_straight(curve: Curve, constant: float) -> bool:
     """Tell whether a curve is surely straighter than a catenary of a constant [m]."""
-    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
-    return float(curve.fit.shape[2]) + SURE * sigma < 1.0 / constant
+    return float(curve.fit.shape[2]) + SURE * _measure_sigma(curve) < 1.0 / constant
 
 
 def is_scan_line(curve: Curve) -> bool:
