@@ -278,7 +278,7 @@ def _find_scraps(
 
     """
     if not len(places):
-        return beyond, beyond
+        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     thing = group_cells(places, np.array(GAP))
     mean, low, high, slope, spread = measure_groups(places, thing)
     farthest, nearest = np.zeros(len(mean)), np.full(len(mean), np.inf)

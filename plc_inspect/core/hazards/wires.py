@@ -100,6 +100,8 @@ SLOPES = np.arange(-25, 26) * 0.02
 Slopes of parallel lines against a span that are tried.
 Source: derived: half a step is ON_LINE over 6 m; as line_parts.PARALLEL, and more at a support.
 """
+LINES_APART = 0.25
+"""Distance of parallel lines at least [m].  Source: derived: wires of racks are 0.3 m apart."""
 LEAST_ON_LINE, MOST_ON_LINES = 4, 0.9
 """
 Points on each of a few parallel lines, and share of all points that are, at least.
@@ -188,9 +190,15 @@ def are_parallel(places: Float64) -> bool:
     cell = np.floor(place / ON_LINE).astype(np.int64)
     together = [int((np.unique(own, return_counts=True)[1] ** 2).sum()) for own in cell]
     best = np.sort(place[int(np.argmax(together))])
-    lines = np.split(best, np.flatnonzero(np.diff(best) > LEVEL) + 1)
-    on = sum(len(line) for line in lines if len(line) >= LEAST_ON_LINE and line.std() <= ON_LINE)
-    return float(best[-1] - best[0]) <= ROW and on >= MOST_ON_LINES * len(best)
+    lines = [
+        line for line in np.split(best, np.flatnonzero(np.diff(best) > LEVEL) + 1)
+        if len(line) >= LEAST_ON_LINE and line.std() <= ON_LINE
+    ]
+    apart = np.diff([line.mean() for line in lines])
+    return (
+        float(best[-1] - best[0]) <= ROW and bool((apart >= LINES_APART).all())
+        and sum(map(len, lines)) >= MOST_ON_LINES * len(best)
+    )
 
 
 def find_lines(points: Float64, thing: Int64, least: int) -> Bool:
