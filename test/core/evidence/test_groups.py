@@ -52,6 +52,8 @@ def test_sags_that_agree_add_up():
 @pytest.mark.parametrize(('changes', 'num'), [
     ({'num': 2, 'noise': 0.05}, 0),
     ({'num': 3, 'noise': 0.05}, 1),
+    ({'num': 3, 'noise': 0.09}, 1),
+    ({'num': 3, 'noise': 0.14}, 0),
     ({'c': 1e5}, 0),  # straight ones
     ({'num': 30, 'apart': 0.3, 'c': 150.0, 'length': 11.0}, 0),
     ({'num': 30, 'apart': 0.3, 'c': 150.0, 'length': 13.0}, 1),

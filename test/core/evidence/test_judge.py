@@ -317,6 +317,17 @@ def test_three_hangers_hold_a_cable_as_deep_as_those_of_bridges():
     assert judge([make(c=400.0, length=40.0)], rods) == ['']
 
 
+def test_a_cable_deeper_than_any_conductor_is_of_the_deck_below_it():
+    cable = make(c=60.0, length=30.0)
+    rng = np.random.default_rng(6)
+    z = cable[:, 2].min() - 3.0
+    deck = np.column_stack([
+        rng.uniform(0.0, 30.0, 2000), rng.uniform(0.3, 4.0, 2000), rng.normal(z, 0.02, 2000)
+    ])
+    assert judge([cable], [deck]) == [HELD]
+    assert judge([cable]) == ['']
+
+
 def test_what_may_go_on_a_conductor_passes_below_a_roof_and_is_not_its_edge():
     rng = np.random.default_rng(6)
     roof = np.column_stack([
