@@ -39,9 +39,9 @@ Parts along a deck [m], how far their tops are off a straight line and how far b
 on the other side [m], and the share of the parts where that is so, at least.
 Source: judgement: a deck is straight to the noise; vehicles and trees take a third of it at most.
 """
-LEAST_WIDTH = 0.5
+LEAST_WIDTH, STRAY = 0.5, 0.2
 """
-Extent of a deck across, beyond EDGE, at least [m].
+Extent of a deck across, beyond EDGE, at least [m], but for this share of its parts at each side.
 Source: judgement: scan lines of a zigzag are in pairs 0.2 m apart; a wire beside is
 straight, too, and has none.
 """
@@ -126,8 +126,14 @@ def _find_edge(points, grid, row, wire, room):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _measure_width(part, aside, height, line):  # type: ignore[no-untyped-def]
     """Return the extent across of those points that lie on a line, given part by part [m]."""
-    least, most = np.inf, -np.inf
+    least, most = np.full(len(line), np.inf), np.full(len(line), -np.inf)
     for i in range(len(part)):
-        if 0 <= part[i] < len(line) and abs(height[i] - line[part[i]]) <= FLAT:
-            least, most = min(least, aside[i]), max(most, aside[i])
-    return most - least
+        place = part[i]
+        if 0 <= place < len(line) and abs(height[i] - line[place]) <= FLAT:
+            least[place] = min(least[place], aside[i])
+            most[place] = max(most[place], aside[i])
+    seen = np.isfinite(least)
+    if not seen.any():  # a median may lie between two points
+        return 0.0
+    # beside a wire there is the arm that carries it
+    return np.quantile(most[seen], 1.0 - STRAY) - np.quantile(least[seen], STRAY)

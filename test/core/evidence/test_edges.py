@@ -89,6 +89,15 @@ def test_another_wire_beside_and_below_is_no_edge():
     assert np.isnan(measure(make_straight(0.0, 10.0), other))
 
 
+def test_a_wire_above_and_beside_with_the_arm_that_carries_it_is_no_roof():
+    rng = np.random.default_rng(6)
+    other = make_straight(0.7, 11.4)
+    arm = np.column_stack([
+        rng.normal(8.0, 0.1, 80), rng.uniform(0.3, 1.3, 80), rng.normal(11.4, 0.05, 80)
+    ])
+    assert np.isnan(measure(make_straight(0.0, 10.0), np.vstack([other, arm])))
+
+
 def test_without_curves_there_are_no_edges():
     points, _ = make_bridge(2.0)
     wire = np.zeros(len(points), dtype=bool)
