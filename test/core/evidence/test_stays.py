@@ -98,6 +98,13 @@ def test_stays_of_a_mast_fan_out():
     assert find_fans(FAN, one, EACH).tolist() == [True] * 3
 
 
+@pytest.mark.parametrize(('share', 'expected'), [(0.2, False), (0.4, True)])
+def test_a_piece_that_parts_from_a_long_bar_tells_of_itself_alone(share, expected):
+    high = 60.0 * share
+    fan = [bar(0.0, 60.0, 20.0, 20.1), bar(0.0, high, 19.9, 19.9 - 0.1 * high)]
+    assert find_fans(fan, EACH[:2], EACH[:2]).tolist() == [expected, True]
+
+
 def test_stays_that_seem_to_cross_where_they_meet_fan_out():
     meeting = [bar(0.0, 13.0, 51.8, 49.0), bar(0.0, 13.0, 51.9, 46.4)]
     assert find_fans(meeting, EACH[:2], EACH[:2]).tolist() == [True] * 2
