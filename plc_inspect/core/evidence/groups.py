@@ -45,8 +45,9 @@ STEP = 1.0
 
 
 def find_groups(
-    curves: Sequence[Curve], sight: GroundGrid, side: float, settings: CatenarySettings
-) -> list[Int64]:
+    curves: Sequence[Curve], sight: GroundGrid, side: float, settings: CatenarySettings,
+    known: Sequence[Curve] = (),
+) -> list[tuple[Int64, Int64]]:
     """
     Group curves that run side by side over seen ground, where their sags are proven together.
 
@@ -63,16 +64,20 @@ def find_groups(
         Distance of curves of a group to the next one at most [m].
     settings : CatenarySettings
         Of the stage.
+    known : sequence of Curve
+        Conductors, which prove something with those that they run along.
 
     Returns
     -------
-    list of (G,) int64
-        The numbers of the curves of each group.
+    list of (G,) int64, (K,) int64
+        The numbers of the curves of each group, and of what is known beside them.
 
     """
+    every, num = [*curves, *known], len(curves)
     return [
-        group for group in _list_groups(curves, sight, side)
-        if prove_together([curves[number] for number in group.tolist()], settings)
+        (group[group < num], group[group >= num] - num)
+        for group in _list_groups(every, sight, side, num)
+        if prove_together([every[number] for number in group.tolist()], settings)
     ]
 
 
@@ -114,18 +119,32 @@ def cut_groups(
     return drop_duplicates(points, cut, settings) if len(cut) != len(curves) else tuple(curves)
 
 
-def _list_groups(curves: Sequence[Curve], sight: GroundGrid, side: float) -> list[Int64]:
-    """Group curves that run side by side over seen ground, whatever their sags prove."""
-    chosen = [
+def _list_groups(
+    curves: Sequence[Curve], sight: GroundGrid, side: float, num: int | None = None
+) -> list[Int64]:
+    """
+    Group curves that run side by side over seen ground, whatever their sags prove.
+
+    Those from ``num`` on join each group that they run along, but unite none and are none.
+    """
+    chosen = np.array([
         number for number, curve in enumerate(curves)
         if curve.length >= LEAST_LENGTH and _measure_seen(curve, sight) >= LEAST_SEEN
-    ]
+    ], dtype=np.int64)
     if len(chosen) < LEAST_TOGETHER:
         return []
-    own = [curves[number] for number in chosen]
-    group = unite(_find_pairs(own, side), len(own))
-    members = [np.array(chosen)[group == number] for number in range(int(group.max()) + 1)]
-    return [group for group in members if len(group) >= LEAST_TOGETHER]
+    num_own = int((chosen < (len(curves) if num is None else num)).sum())
+    pairs = _find_pairs([curves[number] for number in chosen.tolist()], side)
+    group = unite(pairs[(pairs < num_own).all(axis=1)], len(chosen))
+    found = []
+    for number in np.unique(group[:num_own]).tolist():
+        own = group == number
+        member = own.copy()
+        for one, other in (pairs.T, pairs.T[::-1]):
+            member[other[own[one]]] = True
+        if own.sum() > 1 and member.sum() >= LEAST_TOGETHER:
+            found.append(chosen[member])
+    return found
 
 
 def prove_together(curves: Sequence[Curve], settings: CatenarySettings) -> bool:

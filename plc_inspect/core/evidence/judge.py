@@ -101,6 +101,7 @@ class Judge:
         """(N,) points that do not clutter a curve, as they are wires themselves."""
         self._spared = np.empty(0, dtype=np.int64)
         self._beams: list[tuple[Curve, FreeLength]] = []
+        self._built: set[int] = set()
         self.verdicts = [*believed, *(
             Verdict(
                 profile=profile, free=UNKNOWN, beside=False,
@@ -217,10 +218,15 @@ class Judge:
         Take back what is tied together along its whole length: chords of a truss, rails, racks.
 
         Conductors that hang side by side have air between them.  What is tied to something that
-        was taken back is so too.
+        was taken back, or to a bar that is none of the bracing, is so too.
         """
-        known = np.flatnonzero([verdict.objection in ('', *BUILT) for verdict in self.verdicts])
-        own = np.zeros(len(self._points), dtype=bool)  # curves not believed may be the bracing
+        most = self._settings.max_crowding
+        known = np.flatnonzero([
+            verdict.objection in ('', *BUILT)
+            or (verdict.objection in (CROWDED, UNPROVEN) and verdict.profile.crowding <= most)
+            for verdict in self.verdicts
+        ])
+        own = np.zeros(len(self._points), dtype=bool)
         for number in known.tolist():
             own[self.verdicts[number].profile.chosen] = True
         tied = find_tied(
@@ -269,11 +275,15 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
-        """Take back what is held evenly, lies along an edge or on a surface, or is a bar."""
-        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
+        """Take back what is held evenly or a bar, unless wires found since are what held it."""
+        known = np.flatnonzero([
+            not verdict.objection or number in self._built
+            for number, verdict in enumerate(self.verdicts)
+        ])
         for number, objection in zip(known.tolist(), self.name_built(known), strict=True):
+            self.verdicts[number] = replace(self.verdicts[number], objection=objection)
             if objection:
-                self.verdicts[number] = replace(self.verdicts[number], objection=objection)
+                self._built.add(number)
 
     def name_built(self, numbers: Int64, below: float = math.inf) -> list[str]:
         """Return of curves, by their numbers, what they are part of, as `built.name_built`."""
@@ -300,19 +310,22 @@ class Judge:
         self._sweep(near, beside=False)
 
     def _sweep_beside(self) -> None:
-        near = self._find_beside()
-        while self._sweep(near, beside=True):
-            near = self._find_beside()
+        while self._sweep(self._find_beside(), beside=True):
+            pass
 
     def _try_groups(self) -> bool:
         """Believe groups whose sags are proven together, if free but for each other; tell if."""
         rest = [number for number in range(len(self.curves)) if self._may_group(number)]
+        known = [curve for curve in self.believed if not is_thick(curve)]
         found, verdicts = False, list(self.verdicts)
-        for group in find_groups(
-            [self.curves[number] for number in rest], self._sight, SIDE, self._settings
+        for group, beside in find_groups(
+            [self.curves[number] for number in rest], self._sight, SIDE, self._settings, known
         ):
             own = members = [rest[number] for number in group.tolist()]
-            while prove_together([self.curves[number] for number in own], self._settings):
+            sure = [known[number] for number in beside.tolist()]
+            while own and prove_together(
+                [*(self.curves[number] for number in own), *sure], self._settings
+            ):
                 marked = np.concatenate([self.verdicts[k].profile.chosen for k in own])
                 marked = marked[~self.wire[marked]]
                 self.wire[marked] = True
@@ -378,13 +391,9 @@ class Judge:
 
     def _find_beside(self) -> Int64:
         """Return the curves that are not believed, thin, and run beside one that is."""
-        known = [k for k, verdict in enumerate(self.verdicts) if not verdict.objection]
         rest = [
             number for number, verdict in enumerate(self.verdicts)
             if verdict.objection not in ('', *BUILT) and not is_thick(self.curves[number])
         ]
-        along = find_along(
-            [self.curves[number] for number in rest], [self.curves[number] for number in known],
-            SIDE,
-        )
+        along = find_along([self.curves[number] for number in rest], self.believed, SIDE)
         return np.array(rest, dtype=np.int64)[along]

@@ -45,8 +45,9 @@ def test_sags_that_agree_add_up():
     proofs = [prove_sag(curve, SETTINGS) for curve in curves]
     assert max(proofs) < 1.0
     assert prove_together(curves, SETTINGS)
-    (group,) = find_groups(curves, SEEN, SIDE, SETTINGS)
+    ((group, beside),) = find_groups(curves, SEEN, SIDE, SETTINGS)
     assert sorted(group.tolist()) == [0, 1, 2, 3, 4]
+    assert len(beside) == 0
 
 
 @pytest.mark.parametrize(('changes', 'num'), [
@@ -77,9 +78,42 @@ def test_groups_far_apart_are_two():
                                 per_metre=2.0, seed=int(y) + 40))
            for y in (-20.0, -19.0, -18.0, -17.0, -16.0)]
     groups = find_groups([*make_wires(), *far], SEEN, SIDE, SETTINGS)
-    assert sorted(sorted(group.tolist()) for group in groups) == [
+    assert sorted(sorted(group.tolist()) for group, _ in groups) == [
         [0, 1, 2, 3, 4], [5, 6, 7, 8, 9]
     ]
+
+
+def test_two_beside_a_conductor_are_a_group_and_one_is_not():
+    first, second, known, away = make_wires(num=4, noise=0.09)
+    ((group, beside),) = find_groups([first, second], SEEN, SIDE, SETTINGS, [known, away])
+    assert (group.tolist(), beside.tolist()) == ([0, 1], [0, 1])
+    assert find_groups([first, second], SEEN, SIDE, SETTINGS) == []
+    assert find_groups([first], SEEN, SIDE, SETTINGS, [second, known]) == []
+
+
+def test_conductors_unite_no_groups():
+    first, second, known, third, fourth = make_wires(num=5, apart=2.0, noise=0.05)
+    groups = find_groups(
+        [first, second, third, fourth], SEEN, 2.5, SETTINGS, [known]
+    )
+    assert [(group.tolist(), beside.tolist()) for group, beside in groups] == [
+        ([0, 1], [0]), ([2, 3], [0])
+    ]
+
+
+@pytest.mark.parametrize('num_above', [0, 2])
+def test_short_ones_that_crowd_each_other_are_believed_beside_conductors(num_above):
+    """What three of 13 m prove together is too little."""
+    short = [
+        make_wire((0.0, y, z), (13.0, y, z), 650.0, noise=0.05, per_metre=10.0, seed=k)
+        for k, (y, z) in enumerate([(0.0, 20.0), (0.7, 20.0), (0.35, 20.6)])
+    ]
+    long = [
+        make_wire((0.0, y, 23.0), (60.0, y, 23.0), 650.0, noise=0.05, per_metre=20.0, seed=9)
+        for y in (-1.0, 1.7)[:num_above]
+    ]
+    believed = judge_all([*short, *long]).believed
+    assert len(believed) == (5 if num_above else 0)
 
 
 @pytest.mark.parametrize(('seen', 'num'), [(True, 6), (False, 0)])

@@ -143,7 +143,11 @@ def test_nothing_is_judged_where_there_is_no_curve():
     assert not found.wire.any()
 
 
-def test_what_is_tied_to_something_that_was_taken_back_is_so_too():
+@pytest.mark.parametrize(('objection', 'crowding', 'expected'), [
+    (STAY, 1.0, TIED), (UNPROVEN, 0.0, TIED), (UNPROVEN, 1.0, ''), ('too short', 0.0, ''),
+])
+def test_what_is_tied_to_something_that_is_no_conductor_is_none(objection, crowding, expected):
+    """But to what runs through the midst of it: that may be of a crown."""
     lower, upper = make(z=12.0, c=1000.0), make(z=13.0, c=1000.0, seed=1)
     at = np.random.default_rng(6).integers(0, len(lower), 6000)
     up = np.random.default_rng(7).uniform(0.0, 1.0, (len(at), 1))
@@ -152,13 +156,14 @@ def test_what_is_tied_to_something_that_was_taken_back_is_so_too():
     ends = np.cumsum([0, len(lower), len(upper)])
     curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
     found = Judge(points, make_index(points), make_sight(points), curves, CatenarySettings())
-    for first, expected in ((STAY, [STAY, TIED]), (UNPROVEN, [UNPROVEN, ''])):
-        found.verdicts = [
-            replace(verdict, objection=objection)
-            for verdict, objection in zip(found.verdicts, (first, ''), strict=True)
-        ]
-        found._untie()
-        assert [verdict.objection for verdict in found.verdicts] == expected
+    first, other = found.verdicts
+    shell = np.where(first.profile.core > 0, 100 * crowding, 0).astype(np.int64)
+    found.verdicts = [
+        replace(first, objection=objection, profile=replace(first.profile, shell=shell)),
+        replace(other, objection=''),
+    ]
+    found._untie()
+    assert [verdict.objection for verdict in found.verdicts] == [objection, expected]
 
 
 def make_bar(first, last, low=0.0, high=40.0, y=0.0):
@@ -183,6 +188,23 @@ def test_a_pipe_on_brackets_is_held_and_a_level_wire_of_few_supports_is_not():
     pipe = make_bar(12.0, 12.0)
     assert judge([pipe], make_rods(np.arange(2.0, 40.0, 6.0), lambda _: 12.0)) == [HELD]
     assert judge([pipe], make_rods((2.0, 22.0, 38.0), lambda _: 12.0)) == ['']
+
+
+def test_what_held_a_pipe_may_prove_to_be_wires():
+    pipe = make_bar(12.0, 12.0)
+    rods = make_rods(np.arange(2.0, 40.0, 6.0), lambda _: 12.0)
+    points = np.vstack([pipe, *rods])
+    found = Judge(
+        points, make_index(points), make_sight(points), [make_curve(points, np.arange(len(pipe)))],
+        CatenarySettings(),
+    )
+    found.decide()
+    assert [verdict.objection for verdict in found.verdicts] == [HELD]
+    found._unhold()
+    assert [verdict.objection for verdict in found.verdicts] == [HELD]
+    found.wire[:] = True
+    found._unhold()
+    assert [verdict.objection for verdict in found.verdicts] == ['']
 
 
 def test_a_conductor_with_diverters_at_even_distances_is_kept():
