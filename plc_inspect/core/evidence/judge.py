@@ -220,11 +220,11 @@ class Judge:
         Conductors that hang side by side have air between them.  What is tied to something that
         was taken back, or to a bar that is none of the bracing, is so too.
         """
-        most = self._settings.max_crowding
         known = np.flatnonzero([
-            verdict.objection in ('', *BUILT)
-            or (verdict.objection in (CROWDED, UNPROVEN) and verdict.profile.crowding <= most)
-            for verdict in self.verdicts
+            verdict.objection in ('', *BUILT) or (
+                verdict.objection in (CROWDED, UNPROVEN) and not is_thick(curve)
+                and verdict.profile.crowding <= self._settings.max_crowding
+            ) for curve, verdict in self._pairs()
         ])
         own = np.zeros(len(self._points), dtype=bool)
         for number in known.tolist():

@@ -143,11 +143,14 @@ def test_nothing_is_judged_where_there_is_no_curve():
     assert not found.wire.any()
 
 
-@pytest.mark.parametrize(('objection', 'crowding', 'expected'), [
-    (STAY, 1.0, TIED), (UNPROVEN, 0.0, TIED), (UNPROVEN, 1.0, ''), ('too short', 0.0, ''),
+@pytest.mark.parametrize(('objection', 'crowding', 'spread', 'expected'), [
+    (STAY, 1.0, 0.02, TIED), (UNPROVEN, 0.0, 0.02, TIED), (UNPROVEN, 1.0, 0.02, ''),
+    (UNPROVEN, 0.0, 0.2, ''), ('too short', 0.0, 0.02, ''),
 ])
-def test_what_is_tied_to_something_that_is_no_conductor_is_none(objection, crowding, expected):
-    """But to what runs through the midst of it: that may be of a crown."""
+def test_what_is_tied_to_something_that_is_no_conductor_is_none(
+    objection, crowding, spread, expected
+):
+    """But to what runs through the midst of it, or is thick: that may be of a crown."""
     lower, upper = make(z=12.0, c=1000.0), make(z=13.0, c=1000.0, seed=1)
     at = np.random.default_rng(6).integers(0, len(lower), 6000)
     up = np.random.default_rng(7).uniform(0.0, 1.0, (len(at), 1))
@@ -156,6 +159,7 @@ def test_what_is_tied_to_something_that_is_no_conductor_is_none(objection, crowd
     ends = np.cumsum([0, len(lower), len(upper)])
     curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
     found = Judge(points, make_index(points), make_sight(points), curves, CatenarySettings())
+    found.curves[0] = replace(curves[0], lateral_rmse=spread)
     first, other = found.verdicts
     shell = np.where(first.profile.core > 0, 100 * crowding, 0).astype(np.int64)
     found.verdicts = [
