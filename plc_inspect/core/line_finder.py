@@ -289,7 +289,6 @@ def _revise(
         curves=renumber_points(conductors.curves, cloud, own),
         doubtful=renumber_points(conductors.doubtful, cloud, own),
         crowded=renumber_points(conductors.crowded, cloud, own),
-        stays=renumber_points(conductors.stays, cloud, own),
         wire=wire[own.place],
     )
 

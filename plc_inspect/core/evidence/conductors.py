@@ -40,7 +40,6 @@ from plc_inspect.core.evidence.validation import (
     CROWDED,
     list_evidence,
     prove_sag,
-    STAY,
     UNTIDY,
 )
 from plc_inspect.core.extraction.ground_grid import GroundGrid
@@ -74,8 +73,6 @@ class ConductorResult:
     """
     crowded: tuple[Curve, ...]
     """The same with other things close about them, which may be conductors themselves."""
-    stays: tuple[Curve, ...]
-    """The same that seem to be of a beam, as one that was seen over a few metres may be a wire."""
     objections: dict[str, int]
     """Why the others were dropped, and how many."""
     wire: Bool
@@ -130,22 +127,20 @@ def model_conductors(
             kept.append(curve)
             continue
         objections[verdict.objection] = objections.get(verdict.objection, 0) + 1
-        if _may_continue(curve, verdict, settings, but=STAY):
+        if _may_continue(curve, verdict, settings):
             waiting.append(number)
     doubtful: list[Curve] = []
     crowded: list[Curve] = []
-    stays: list[Curve] = []
     # what may go on a conductor may pass below a roof
     built = judge.name_built(np.array(waiting, dtype=np.int64), below=RAIL)
     for number, name in zip(waiting, built, strict=True):
         if not name:
-            verdict = judge.verdicts[number]
-            free = doubtful if verdict.profile.crowding <= settings.max_crowding else crowded
-            (stays if verdict.objection == STAY else free).append(curves[number])
+            crowding = judge.verdicts[number].profile.crowding
+            (doubtful if crowding <= settings.max_crowding else crowded).append(curves[number])
     return ConductorResult(
         curves=part_twins(points, kept, settings),
-        doubtful=part_twins(points, doubtful, settings), crowded=tuple(crowded),
-        stays=tuple(stays), wire=judge.wire, objections=dict(sorted(objections.items())),
+        doubtful=part_twins(points, doubtful, settings), crowded=tuple(crowded), wire=judge.wire,
+        objections=dict(sorted(objections.items())),
     )
 
 
@@ -291,14 +286,11 @@ def _list_bundles(
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *chosen]))
 
 
-def _may_continue(
-    curve: Curve, verdict: Verdict, settings: CatenarySettings, but: str = ''
-) -> bool:
-    """Whether nothing but too little evidence, and one objection, speaks against a curve."""
+def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) -> bool:
+    """Whether nothing but too little evidence speaks against a curve."""
     evidence = list_evidence(curve, verdict.profile, verdict.free, settings)
     against = {item.setting for item in evidence if not item.kept}
-    is_built = verdict.objection in BUILT and verdict.objection != but
-    return not is_built and against <= {
+    return verdict.objection not in BUILT and against <= {
         'catenary.max_constant', 'catenary.max_crowding', 'catenary.min_evidence',
         'catenary.max_clutter',
     }

@@ -66,8 +66,7 @@ def adopt(
     A conductor goes on beyond its support, so a curve that meets it there needs no evidence of
     its own but that it is not one of many lines in a crown.  It is what the conductor is: the
     continuation of a bundle takes in all sub-conductors.  Others that continue conductors beside
-    it are no crown, and no beam that it is a stay of.  The rows of a roof at which a service drop
-    ends run another way.
+    it are no crown.  The rows of a roof at which a service drop ends run another way.
 
     Parameters
     ----------
@@ -164,9 +163,7 @@ def _clear(
     """Return the crowded curves that are free once all that continue conductors are left out."""
     # those that continue a conductor, as wide as it is
     going_on: list[Curve] = []
-    meetings = _Meetings(
-        conductors.curves, (*conductors.crowded, *conductors.stays), settings.supports.max_reach
-    )
+    meetings = _Meetings(conductors.curves, conductors.crowded, settings.supports.max_reach)
     for _, curve, partner in meetings.find_all():
         if is_thick(partner) and not is_thick(curve):
             try:  # from a sub-conductor at the rim of the bundle to its middle

@@ -21,7 +21,7 @@ TWIN = 0.4
 """Distance of the sub-conductors of a bundle [m]."""
 
 
-def take(points, believed, doubtful=(), crowded=(), stays=(), seen=True):
+def take(points, believed, doubtful=(), crowded=(), seen=True):
     """Adopt curves of a cloud in which all is off the ground."""
     ground = np.array([[x, y, 0.0] for x in range(-20, 140, 2) for y in range(-20, 21, 2)])
     everything = np.vstack([points, ground])
@@ -30,13 +30,13 @@ def take(points, believed, doubtful=(), crowded=(), stays=(), seen=True):
     curves = [[
         make_curve(cloud.points, np.sort(place[curve.points]), curve.tolerance)
         for curve in group
-    ] for group in (believed, doubtful, crowded, stays)]
+    ] for group in (believed, doubtful, crowded)]
     wire = np.zeros(len(cloud.points), dtype=bool)
     for curve in curves[0]:
         wire[curve.points] = True
     return adopt(cloud, ConductorResult(
         curves=tuple(curves[0]), doubtful=tuple(curves[1]), crowded=tuple(curves[2]),
-        stays=tuple(curves[3]), objections={}, wire=wire,
+        objections={}, wire=wire,
     ), make_sight(everything, seen), SETTINGS)
 
 
@@ -99,22 +99,13 @@ def test_whom_a_curve_continues_is_what_all_joints_tell(seed, reach):
     assert num > 5
 
 
-@pytest.mark.parametrize('kind', ['doubtful', 'stays'])
-def test_a_curve_that_continues_another_is_adopted(kind):
+def test_a_curve_that_continues_another_is_adopted():
     points, curves = make_route([(0, 0), (90, 0), (114, 0)], offsets=(0.0,))
-    believed, other = curves
+    believed, doubtful = curves
     points, (alone,) = add(points, make_wire((0.0, 60.0, 15.0), (24.0, 60.0, 15.0), seed=3))
-    adopted = take(points, [believed], **{kind: [other, alone]})
-    assert [curve.num_points for curve in adopted] == [other.num_points]
-    assert take(points, [believed], **{kind: [alone]}) == ()
-
-
-def test_a_stay_in_a_crown_continues_nothing():
-    points, curves = make_route([(0, 0), (90, 0), (114, 0)], offsets=(0.0,))
-    believed, stay = curves
-    middle = points[stay.points].mean(axis=0)
-    crown = middle + np.random.default_rng(8).uniform(-12.0, 12.0, (8000, 3)) * (1.0, 0.05, 0.05)
-    assert take(np.vstack([points, crown]), [believed], stays=[stay]) == ()
+    adopted = take(points, [believed], [doubtful, alone])
+    assert [curve.num_points for curve in adopted] == [doubtful.num_points]
+    assert take(points, [believed], [alone]) == ()
 
 
 @pytest.mark.parametrize(('turn', 'seen', 'expected'), [
