@@ -1,11 +1,20 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toys import make_curve
 
-from plc_inspect.core.evidence.stays import find_chords, find_fans, find_hung, find_stays
+from plc_inspect.core.evidence.free_length import UNKNOWN
+from plc_inspect.core.evidence.stays import (
+    find_chords,
+    find_fans,
+    find_hung,
+    find_stays,
+    is_beam,
+)
 
 X = np.linspace(0.0, 60.0, 600)
 
@@ -17,6 +26,22 @@ def bar(low, high, first, last, y=0.0):
     noise = np.random.default_rng(3).normal(0.0, 0.01, (len(x), 3))
     points = np.column_stack([x, np.full(len(x), y), z]) + noise
     return make_curve(points, np.arange(len(points)))
+
+
+@pytest.mark.parametrize(('length', 'noise', 'expected'), [
+    (14.0, 0.07, False),  # the last metres of a wire may look like it
+    (14.0, 0.01, True),
+    (40.0, 0.07, True),
+])
+def test_a_beam_is_surely_straight_whatever_is_about_it(length, noise, expected):
+    rng = np.random.default_rng(1)
+    x = np.linspace(0.0, length, 200)
+    points = np.column_stack([x, np.zeros(200), np.full(200, 20.0)])
+    points += rng.normal(0.0, noise, points.shape)
+    curve = make_curve(points, np.arange(200))
+    shape = np.array([*curve.fit.shape[:2], 2e-4])
+    curve = replace(curve, fit=replace(curve.fit, shape=shape))
+    assert is_beam(curve, replace(UNKNOWN, wide=-0.8 * length), 0.0) == expected
 
 
 BEAM = bar(0.0, 60.0, 20.0, 20.0)
