@@ -341,6 +341,7 @@ def _is_tap(
     at, _ = curve.local_place(support.position)
     if (
         thin.length < LEAST_LENGTH
+        or curve.fit.sag(curve.low, curve.high)[0] > limits.max_sag_ratio * curve.length
         or max(thin.low, curve.low) - at > FIRST_SEEN
         or not _leaves(curve, support)
         or _comes_to_ground(cloud, curve)

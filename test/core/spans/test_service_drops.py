@@ -117,6 +117,15 @@ def test_the_main_cable_of_a_bridge_beside_a_pole_is_no_tap(has_hangers):
     assert found.num_lines == (3 if has_hangers else 4)
 
 
+@pytest.mark.parametrize(('c', 'num'), [(90.0, 4), (45.0, 3)])
+def test_what_is_deeper_than_a_conductor_is_no_tap(c, num):
+    """The main cable of a bridge whose deck was not seen; sags of 6 and 11 % of the span."""
+    points, _ = make_street()
+    cable = make_wire((45.2, 0.4, 8.6), (47.0, 40.0, 8.6), c=c, per_metre=15.0)
+    side = np.random.default_rng(1).uniform((0.0, 15.0, -0.02), (90.0, 42.0, 0.02), (20000, 3))
+    assert Pipeline().run(np.vstack([points, side, cable])).num_lines == num
+
+
 def test_without_a_line_nothing_is_looked_for():
     rng = np.random.default_rng(6)
     ground = np.column_stack([rng.uniform(-20, 20, (5000, 2)), rng.normal(0.0, 0.02, 5000)])
