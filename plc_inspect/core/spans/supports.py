@@ -27,6 +27,7 @@ from plc_inspect.core.spans.support_points import (
     find_mean_direction,
     goes_on,
     list_structure,
+    mark_guys,
     mark_stub,
 )
 from plc_inspect.results import Bool, Float64, Support
@@ -204,8 +205,7 @@ def _is_held_up(
         return False
     places = np.array([end.place for end in item.ends])
     outward = np.array([end.outward for end in item.ends])
-    gap = _measure_gap(item.ends, finals)
-    if not goes_on(cloud, wire, places, outward, gap):
+    if not goes_on(cloud, wire, places, outward, _measure_gap(item.ends, finals)):
         return False
     is_tower = item.structure is not None and item.structure.top > places[:, 2].max() - MAX_BELOW
     return is_tower or are_held(cloud.points, cloud.index, wire, places)
@@ -228,8 +228,9 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
         mask[own] = True
     for end in item.ends:
         mark_stub(cloud.points, cloud.index, end.place, end.outward, mask)
-    if not math.isfinite(foot):
-        foot = float(attachments[:, 2].min())
+    foot = foot if math.isfinite(foot) else float(attachments[:, 2].min())
+    if kind == 'pole' and structure is not None:
+        mark_guys(cloud, wire, np.array([*place, foot]), top, mask)
     span_ids = [route.span_id[end.number] for end in item.ends]
     return _Placed(
         span_ids=(min(span_ids), max(span_ids)),
@@ -383,8 +384,7 @@ def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
 
 def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:
     """Azimuth of the line at a support, half way between both sides of an angle."""
-    azimuth = np.array([end.azimuth for end in ends])
-    doubled = 2 * azimuth
+    doubled = 2 * np.array([end.azimuth for end in ends])
     return 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
 
 
