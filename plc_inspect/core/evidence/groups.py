@@ -127,24 +127,29 @@ def _list_groups(
 
     Those from ``num`` on join each group that they run along, but unite none and are none.
     """
-    chosen = np.array([
+    num = len(curves) if num is None else num
+    own = _choose(curves[:num], sight)
+    if len(own) < 2:
+        return []
+    chosen = np.concatenate((own, num + _choose(curves[num:], sight)))
+    pairs = _find_pairs([curves[number] for number in chosen.tolist()], side, len(own))
+    group = unite(pairs[pairs[:, 1] < len(own)], len(own))
+    found = []
+    for number in np.unique(group).tolist():
+        member = np.zeros(len(chosen), dtype=bool)
+        member[: len(own)] = group == number
+        if member.sum() > 1:
+            member[pairs[member[pairs[:, 0]], 1]] = True
+            found.append(chosen[member])
+    return [group for group in found if len(group) >= LEAST_TOGETHER]
+
+
+def _choose(curves: Sequence[Curve], sight: GroundGrid) -> Int64:
+    """Return the curves that are long enough, over seen ground."""
+    return np.array([
         number for number, curve in enumerate(curves)
         if curve.length >= LEAST_LENGTH and _measure_seen(curve, sight) >= LEAST_SEEN
     ], dtype=np.int64)
-    if len(chosen) < LEAST_TOGETHER:
-        return []
-    num_own = int((chosen < (len(curves) if num is None else num)).sum())
-    pairs = _find_pairs([curves[number] for number in chosen.tolist()], side)
-    group = unite(pairs[(pairs < num_own).all(axis=1)], len(chosen))
-    found = []
-    for number in np.unique(group[:num_own]).tolist():
-        own = group == number
-        member = own.copy()
-        for one, other in (pairs.T, pairs.T[::-1]):
-            member[other[own[one]]] = True
-        if own.sum() > 1 and member.sum() >= LEAST_TOGETHER:
-            found.append(chosen[member])
-    return found
 
 
 def prove_together(curves: Sequence[Curve], settings: CatenarySettings) -> bool:
@@ -160,17 +165,17 @@ def _measure_seen(curve: Curve, sight: GroundGrid) -> float:
     return float(sight.tell_seen(curve.position(x)).mean())
 
 
-def _find_pairs(curves: Sequence[Curve], side: float) -> Int64:
-    """Return the (P, 2) pairs of curves that run along each other within a distance [m]."""
-    near, rows = find_near(curves, side), pack_curves(curves)
-    first, second = np.repeat(np.arange(len(curves)), np.diff(near.start)), near.item
+def _find_pairs(curves: Sequence[Curve], side: float, num: int) -> Int64:
+    """Return the (P, 2) pairs of the first ones with others along them within a distance [m]."""
+    near, rows = find_near(curves[:num], side, curves), pack_curves(curves)
+    first, second = np.repeat(np.arange(num), np.diff(near.start)), near.item
     one, other = rows[first], rows[second]
     sine = one[:, SIN] * other[:, COS] - one[:, COS] * other[:, SIN]
     low, high = _project(one, other, LOW), _project(one, other, HIGH)
     start = np.maximum(np.minimum(low[0], high[0]), one[:, LOW])
     end = np.minimum(np.maximum(low[0], high[0]), one[:, HIGH])
     shorter = np.minimum(one[:, HIGH] - one[:, LOW], other[:, HIGH] - other[:, LOW])
-    along = (np.abs(sine) <= PARALLEL) & (end - start >= OVERLAP * shorter)
+    along = (first != second) & (np.abs(sine) <= PARALLEL) & (end - start >= OVERLAP * shorter)
     along &= np.minimum(np.abs(low[1]), np.abs(high[1])) <= side
     pairs = np.column_stack([first, second])[along]
     kept = [
