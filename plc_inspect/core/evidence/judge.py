@@ -134,8 +134,8 @@ class Judge:
         self._sweep_beside()
         if self._try_groups():
             self._sweep_beside()
-        self._untie()
         self._unhold()
+        self._untie()
 
     @property
     def believed(self) -> list[Curve]:
@@ -277,13 +277,12 @@ class Judge:
     def _unhold(self) -> None:
         """Take back what is held evenly or a bar, unless wires found since are what held it."""
         known = np.flatnonzero([
-            not verdict.objection or number in self._built
-            for number, verdict in enumerate(self.verdicts)
+            not verdict.objection or id(curve) in self._built for curve, verdict in self._pairs()
         ])
         for number, objection in zip(known.tolist(), self.name_built(known), strict=True):
             self.verdicts[number] = replace(self.verdicts[number], objection=objection)
             if objection:
-                self._built.add(number)
+                self._built.add(id(self.curves[number]))
 
     def name_built(self, numbers: Int64, below: float = math.inf) -> list[str]:
         """Return of curves, by their numbers, what they are part of, as `built.name_built`."""

@@ -220,7 +220,7 @@ def mark_guys(cloud: OffGround, wire: Bool, foot: Float64, top: float, mask: Boo
     found = found[~wire[found]]
     apart = cloud.points[found] - foot
     far = np.hypot(apart[:, 0], apart[:, 1])
-    beside = (far > COLUMN) & (apart[:, 2] < height)
+    beside = (far > COLUMN) & (far < GUY_SPREAD * (height - apart[:, 2]) + GUY_ROOM)
     found, apart, far = found[beside], apart[beside], far[beside]
     low = math.ceil(max(cloud.least, 0.0))
     seeds = apart[(far < GUY_NEAR) & (apart[:, 2] > low)]
@@ -233,46 +233,54 @@ def mark_guys(cloud: OffGround, wire: Bool, foot: Float64, top: float, mask: Boo
 def _mark_guys(apart, seeds, height, low):  # type: ignore[no-untyped-def]
     """Tell which places about a foot are of a line from the pole past a seed down to a height."""
     result = np.zeros(len(apart), dtype=np.bool_)
+    plane, place = np.empty((len(apart), 3)), np.empty(len(apart), dtype=np.int64)
     for seed in seeds:
         far = math.hypot(seed[0], seed[1])
-        along = (apart[:, 0] * seed[0] + apart[:, 1] * seed[1]) / far
-        across = (apart[:, 1] * seed[0] - apart[:, 0] * seed[1]) / far
-        plane = np.flatnonzero((np.abs(across) <= GUY_ROOM) & (along > 0.0))
+        x, y, count = seed[0] / far, seed[1] / far, 0
+        for i in range(len(apart)):
+            across = apart[i, 1] * x - apart[i, 0] * y
+            along = apart[i, 0] * x + apart[i, 1] * y
+            if abs(across) <= GUY_ROOM and along > 0.0 and apart[i, 2] >= low:
+                plane[count] = along, across, apart[i, 2]
+                place[count] = i
+                count += 1
         best, end = np.empty(0, dtype=np.int64), height
         while end > max(seed[2] + GUY_STEP, GUY_HALF * height):
-            own = _list_guy(apart, along, across, plane, far / (end - seed[2]), end, low)
+            own = _list_guy(plane[:count], far / (end - seed[2]), end, low)
             if len(own) > len(best):
                 best = own
             end -= GUY_STEP
-        result[best] = True
+        result[place[best]] = True
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_guy(apart, along, across, plane, lean, end, low):  # type: ignore[no-untyped-def]
-    """List those of a plane that are of a guy with a lean, from its end down, if it is one."""
+def _list_guy(plane, lean, end, low):  # type: ignore[no-untyped-def]
+    """
+    List the places of a guy with a lean, from its end down; none where there is none.
+
+    Places (N, 3) are along and across the plane of the guy and above the foot of its pole [m].
+    """
+    own = np.empty(len(plane), dtype=np.int64)
     if lean > GUY_SPREAD:
-        return plane[:0]
+        return own[:0]
     top = max(int(end - COLUMN / lean), low)
     filled = np.zeros(int(end) + 1, dtype=np.bool_)
-    own = np.empty(len(plane), dtype=np.int64)
     num = near = 0
-    for k in plane:
-        up = apart[k, 2]
-        if not low <= up < end:
+    for k in range(len(plane)):
+        along, across, up = plane[k]
+        if up >= end:  # above the guy
             continue
-        off = (along[k] - lean * (end - up)) / math.sqrt(1.0 + lean**2)
-        distance = math.hypot(off, across[k])
+        off = (along - lean * (end - up)) / math.sqrt(1.0 + lean**2)
+        distance = math.hypot(off, across)
         near += distance <= GUY_ROOM
         if distance <= GUY_WIDTH:
             filled[int(up)] = True
             own[num] = k
             num += 1
-    wanted = top - low
     full = filled[low:top].sum()
-    if full < max(GUY_FILLED * wanted, GUY_LEAST) or num < GUY_SHARE * near:
-        return plane[:0]
-    return own[:num]
+    is_guy = full >= max(GUY_FILLED * (top - low), GUY_LEAST) and num >= GUY_SHARE * near
+    return own[: num if is_guy else 0]
 
 
 def are_held(points: Float64, index: PlanIndex, wire: Bool, ends: Float64) -> bool:
