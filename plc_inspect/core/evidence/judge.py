@@ -226,9 +226,10 @@ class Judge:
                 and verdict.profile.crowding <= self._settings.max_crowding
             ) for curve, verdict in self._pairs()
         ])
-        own = np.zeros(len(self._points), dtype=bool)
+        own = np.zeros(len(self._points), dtype=bool)  # curves not believed may be the bracing
         for number in known.tolist():
-            own[self.verdicts[number].profile.chosen] = True
+            if self.verdicts[number].objection in ('', *BUILT):
+                own[self.verdicts[number].profile.chosen] = True
         tied = find_tied(
             self._points, self._index, [self.curves[number] for number in known.tolist()], own
         )
