@@ -217,11 +217,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--real', type=Path, default=REAL, metavar='DIR')
     parser.add_argument('--frames', type=int, default=6, metavar='N')
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--thin', type=float, nargs='*', default=[1.0], metavar='SHARE',
+    parser.add_argument('--thin', type=float, nargs='+', default=[1.0], metavar='SHARE',
                         help='shares of the points that are kept')
-    parser.add_argument('--noise', type=float, nargs='*', default=[0.0], metavar='M',
+    parser.add_argument('--noise', type=float, nargs='+', default=[0.0], metavar='M',
                         help='standard deviations that are added to each coordinate [m]')
-    parser.add_argument('--cut', type=float, nargs='*', default=[1.0], metavar='SHARE',
+    parser.add_argument('--cut', type=float, nargs='+', default=[1.0], metavar='SHARE',
                         help='lengths of the part that is kept, as shares of that of the cloud')
     parser.add_argument('--only', nargs='*', default=[''], metavar='PART',
                         help='clouds with one of these in their names')
