@@ -73,11 +73,12 @@ def find_groups(
         The numbers of the curves of each group, and of what is known beside them.
 
     """
-    every, num = [*curves, *known], len(curves)
     return [
-        (group[group < num], group[group >= num] - num)
-        for group in _list_groups(every, sight, side, num)
-        if prove_together([every[number] for number in group.tolist()], settings)
+        (group, beside) for group, beside in _list_groups(curves, sight, side, known)
+        if prove_together([
+            *(curves[number] for number in group.tolist()),
+            *(known[number] for number in beside.tolist()),
+        ], settings)
     ]
 
 
@@ -111,7 +112,7 @@ def cut_groups(
     """
     thin = [curve for curve in curves if not is_thick(curve)]
     parts: dict[int, list[Curve]] = {}
-    for group in _list_groups(thin, sight, side):
+    for group, _ in _list_groups(thin, sight, side):
         own = [thin[number] for number in group.tolist()]
         for curve, pieces in zip(own, cut_each(points, own), strict=True):
             parts[id(curve)] = pieces
@@ -120,28 +121,29 @@ def cut_groups(
 
 
 def _list_groups(
-    curves: Sequence[Curve], sight: GroundGrid, side: float, num: int | None = None
-) -> list[Int64]:
+    curves: Sequence[Curve], sight: GroundGrid, side: float, known: Sequence[Curve] = ()
+) -> list[tuple[Int64, Int64]]:
     """
     Group curves that run side by side over seen ground, whatever their sags prove.
 
-    Those from ``num`` on join each group that they run along, but unite none and are none.
+    What is known joins each group that it runs along, but unites none and is none.
     """
-    num = len(curves) if num is None else num
-    own = _choose(curves[:num], sight)
-    if len(own) < 2:
+    own, others = _choose(curves, sight), _choose(known, sight)
+    chosen = [
+        *(curves[number] for number in own.tolist()), *(known[k] for k in others.tolist())
+    ]
+    if len(own) < 2 or len(chosen) < LEAST_TOGETHER:
         return []
-    chosen = np.concatenate((own, num + _choose(curves[num:], sight)))
-    pairs = _find_pairs([curves[number] for number in chosen.tolist()], side, len(own))
-    group = unite(pairs[pairs[:, 1] < len(own)], len(own))
+    pairs = _find_pairs(chosen, side, len(own))
+    within = pairs[:, 1] < len(own)
+    group = unite(pairs[within], len(own))
     found = []
     for number in np.unique(group).tolist():
-        member = np.zeros(len(chosen), dtype=bool)
-        member[: len(own)] = group == number
-        if member.sum() > 1:
-            member[pairs[member[pairs[:, 0]], 1]] = True
-            found.append(chosen[member])
-    return [group for group in found if len(group) >= LEAST_TOGETHER]
+        member = group == number
+        beside = np.unique(pairs[member[pairs[:, 0]] & ~within, 1]) - len(own)
+        if member.sum() > 1 and member.sum() + len(beside) >= LEAST_TOGETHER:
+            found.append((own[member], others[beside]))
+    return found
 
 
 def _choose(curves: Sequence[Curve], sight: GroundGrid) -> Int64:
