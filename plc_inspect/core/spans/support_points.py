@@ -203,10 +203,8 @@ def mark_guys(cloud: OffGround, wire: Bool, foot: Float64, top: float, mask: Boo
 
     Parameters
     ----------
-    cloud : OffGround
-        N points off the ground.
-    wire : (N,) bool
-        Points of conductors.
+    cloud, wire
+        As of `goes_on`.
     foot : (3,) float64
         Of the pole [m].
     top : float
