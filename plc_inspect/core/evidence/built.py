@@ -93,7 +93,7 @@ def name_built(
     settings: CatenarySettings, below: float = math.inf,
 ) -> list[str]:
     """
-    Tell what curves are part of that is no line: one of BUILT for each, empty for a conductor.
+    Tell what curves are part of that is no line: one of RIGID for each, empty for a conductor.
 
     The arguments are those of `are_held`.
     """

@@ -34,6 +34,7 @@ from plc_inspect.core.evidence.validation import (
     is_straight,
     may_be_held,
     prove_sag,
+    RIGID,
     STAY,
     TIED,
     UNPROVEN,
@@ -101,7 +102,6 @@ class Judge:
         """(N,) points that do not clutter a curve, as they are wires themselves."""
         self._spared = np.empty(0, dtype=np.int64)
         self._beams: list[tuple[Curve, FreeLength]] = []
-        self._built: set[int] = set()
         self.verdicts = [*believed, *(
             Verdict(
                 profile=profile, free=UNKNOWN, beside=False,
@@ -276,14 +276,14 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
-        """Take back what is held evenly or a bar, unless wires found since are what held it."""
-        known = np.flatnonzero([
-            not verdict.objection or id(curve) in self._built for curve, verdict in self._pairs()
-        ])
+        """
+        Take back what is held evenly, lies along an edge or on a surface, or is a bar.
+
+        What was taken back so is believed again where wires found since are all that held it.
+        """
+        known = np.flatnonzero([verdict.objection in ('', *RIGID) for verdict in self.verdicts])
         for number, objection in zip(known.tolist(), self.name_built(known), strict=True):
             self.verdicts[number] = replace(self.verdicts[number], objection=objection)
-            if objection:
-                self._built.add(id(self.curves[number]))
 
     def name_built(self, numbers: Int64, below: float = math.inf) -> list[str]:
         """Return of curves, by their numbers, what they are part of, as `built.name_built`."""

@@ -20,7 +20,12 @@ STAY = 'a stay: of a beam below it, of a mast, or steep and straight'
 HELD = 'touched at regular intervals, or along the edge of a deck or roof'
 SCAN_LINE = 'one scan line over a surface: its points lie in a plane'
 BAR = 'a bar or pipe: its points lie on one side of it'
-BUILT = (TIED, STAY, HELD, SCAN_LINE, BAR)
+RIGID = (HELD, SCAN_LINE, BAR)
+"""
+What `built.name_built` tells of a curve.
+Source: derived: the three above.
+"""
+BUILT = (TIED, STAY, *RIGID)
 """
 Parts of something else: no evidence of a conductor helps them.
 Source: derived: the five above.
