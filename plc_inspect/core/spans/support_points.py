@@ -80,8 +80,10 @@ Source: judgement; no twigs lie on a straight line from the ground to a pole.
 """
 GUY_STEP, MOST_SEEDS = 0.25, 200
 """
-Step of where guys pass and end at a pole [m], and the number of places that are tried at most.
-Source: numerical.
+Step of where guys pass and end at a pole [m], and cells so wide about its axis that are filled at
+most: in more nothing could be free.
+Source: measured: poles with guys of 45 random scenes have 6 to 18, those of three real clouds 17 to
+138, and such in crowns 278 and 440; time goes with their number.
 """
 STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
 """
@@ -223,8 +225,8 @@ def mark_guys(cloud: OffGround, wire: Bool, foot: Float64, top: float, mask: Boo
     low = math.ceil(max(cloud.least, 0.0))
     seeds = apart[(far < GUY_NEAR) & (apart[:, 2] > low)]
     _, first = np.unique(np.floor(seeds / GUY_STEP), axis=0, return_index=True)
-    seeds = seeds[first[:: len(first) // MOST_SEEDS + 1]]
-    mask[found[_mark_guys(apart, seeds, height, low)]] = True
+    if len(first) <= MOST_SEEDS:
+        mask[found[_mark_guys(apart, seeds[first], height, low)]] = True
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
