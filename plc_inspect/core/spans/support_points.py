@@ -82,8 +82,8 @@ GUY_STEP, MOST_SEEDS = 0.25, 200
 """
 Step of where guys pass and end at a pole [m], and cells so wide about its axis that are filled at
 most: in more nothing could be free.
-Source: measured: poles with guys of 45 random scenes have 6 to 18, those of three real clouds 17 to
-138, and such in crowns 278 and 440; time goes with their number.
+Source: measured: poles with guys of 45 random scenes have 6 to 18, those of three real clouds 17
+to 138, and such in crowns 278 and 440; time goes with their number.
 """
 STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
 """
