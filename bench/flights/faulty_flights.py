@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.pose_watch import PoseWatch
+from plc_inspect.core.extraction.dust import describe_air
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.pipeline import Pipeline
@@ -135,7 +136,7 @@ KINDS = {
     'aside': 'm/s aside', 'drift': 'odometry drifts:',
     'step': 'odometry stepped', 'stood': 'stood still', 'unsharp': 'map is not sharp',
     'repeated': 'are interpolated', 'coarse': 'single precision', 'otherwise': 'otherwise than',
-    'lost': 'does not fit',
+    'lost': 'does not fit', 'dust': 'dusty air',
 }
 """What may be said, and words by which it is told."""
 
@@ -183,6 +184,8 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
     accumulator.finish()
     track += [accumulator.follower.move.apply(item) for item in waiting]
     result = Pipeline(Settings(), way=way.places[:, 1:]).run(accumulator.map.centroids())
+    if describe_air(result.stages):
+        said['dust'] = event.time
     poor = book.judge().poor or bool(accumulator.doubt)
     times = np.array(at)
     true = flight.truth.interpolate(times)[0]

@@ -77,7 +77,7 @@ def make_kinds(seed: int) -> dict[str, Kind]:
         **{f'mount {axis} {angle:g} degrees': (
             mount_otherwise(tuple(angle * np.eye(3)[number])), MOUNT,
         ) for number, axis in enumerate(('roll', 'pitch', 'yaw')) for angle in (2.0, -5.0)},
-        **{f'dust {100 * share:g} %': (raise_dust(share), ())
+        **{f'dust {100 * share:g} %': (raise_dust(share), ('dust',))
            for share in (0.001, 0.003, 0.01, 0.1)},
         'positions at 10 Hz': (hold(0.1), ('repeated',)),
         'still for 5 s': (freeze(when, 5.0), ('stood', 'drift')),

@@ -144,7 +144,7 @@ def _find_once(
     height = log.run(
         settings.height,
         lambda: ground or _measure_height(points, settings, log, whole),
-        lambda result: report_height(result, log.num_strays),
+        lambda result: report_height(result, log.num_strays, log.num_lone),
     )
     cloud = log.recall_after(
         'cloud', settings.segment.min_points, lambda: _gather(points, height, settings, anchored)

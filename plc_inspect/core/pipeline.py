@@ -141,6 +141,7 @@ class Pipeline:
         # Returns of dusty air, about the way alone: they blur the lines that lie in them.
         is_lone = find_lone(points, self._way)
         lone = points[is_lone]
+        log.num_lone = len(lone)
         if len(lone):
             points = np.where(is_lone[:, None], np.nan, points)
         lines = find_lines(points, self.settings, log, east, whole)

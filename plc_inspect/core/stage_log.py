@@ -86,7 +86,9 @@ class StageLog:
     ) -> None:
         self.reports: list[StageReport] = []
         self.num_strays = 0
-        """Points that were left out before the first stage."""
+        """Points far from all others that were left out before the first stage."""
+        self.num_lone = 0
+        """Returns of dusty air that were."""
         self._progress = progress
         self._memory = memory
         self._key: tuple[Hashable, ...] = ()

@@ -13,6 +13,7 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.extraction.alignment import AlignmentResult
+from plc_inspect.core.extraction.dust import LONE
 from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.outliers import OutlierResult
@@ -24,15 +25,16 @@ from plc_inspect.core.stage_log import Outcome
 from plc_inspect.results import Float64
 
 
-def report_height(height: HeightResult, num_strays: int = 0) -> Outcome:
-    """Count the high points; strays are among those that are not finite."""
+def report_height(height: HeightResult, num_strays: int = 0, num_lone: int = 0) -> Outcome:
+    """Count the high points; strays and lone returns are among those that are not finite."""
     num, num_high = len(height.height), int(np.count_nonzero(height.high))
     return Outcome(
         num_in=num,
         num_kept=num_high,
         dropped={
-            'not finite': height.num_not_finite - num_strays,
+            'not finite': height.num_not_finite - num_strays - num_lone,
             'isolated, far away': num_strays,
+            LONE: num_lone,
             'too low': num - height.num_not_finite - num_high,
         },
         values={

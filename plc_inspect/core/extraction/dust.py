@@ -10,13 +10,14 @@ more neighbours than air of that density gives by chance; where none do, all are
 the lidar all are kept, too: objects are seen sparsely there, and the air is not seen at all.
 """
 
+from collections.abc import Sequence
 import math
 
 from numba import njit
 import numpy as np
 
 from plc_inspect.core.numerics.plan_index import build_plan_index
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64, StageReport
 
 RANGE = 12.0
 """
@@ -29,6 +30,8 @@ Distance within which returns lie together [m].
 Source: derived: two voxels of the map; a lidar of 300,000 points a second sees a face of this size
 at 60 m with three of them within a second.
 """
+BALL = 4.0 / 3.0 * math.pi * REACH**3
+"""Volume of which a return has neighbours [m3].  Source: derived: of a ball of REACH."""
 FEW = 2
 """Others within REACH below which a return lies alone.  Source: derived: hazards.min_points."""
 CELL, WIDE = 2.0, 2
@@ -51,18 +54,33 @@ Source: derived: ten wires of 2.5 returns a metre, the worst, leave less alone i
 air; measured: bench/studies/input_faults.py dust, seed 6000: in clear air none is left out; where
 a tenth of the returns is dust, 90 % of it, and 20 % of those of the wires.
 """
+LEFT = 0.6
+"""
+Greatest density of dust that stays where lines are looked for [1/m3].
+Source: derived: of 27 cells of a metre it fills eleven, so that a line, which fills three, is not
+in something bulky (linearity.max_occupied).
+"""
 CHANCE = 1e-5
 """
 Least probability at which neighbours of a return of the air are put down to chance.
 Source: derived: one in ten flights of 10,000 returns near conductors, and three must.
 """
+THICK = 0.05
+"""
+Share of lone returns in the points of a map from which its air is told to be dusty.
+Source: measured: bench/studies/input_faults.py dust: where it is less no span is lost.
+"""
 MOST = 30
 """Limit of the count of neighbours.  Source: numerical: CHANCE at 190 returns in a cubic metre."""
 
 
+LONE = 'alone in dusty air'
+"""Why returns are not in the first stage."""
+
+
 def find_lone(points: Float64, way: Float64) -> Bool:
     """
-    Tell the returns in dusty air that have no neighbour within REACH.
+    Tell the returns in dusty air that have no neighbour within REACH, or few in dense dust.
 
     Nearly all returns of the air have none, and few of a wire: lines are found without them.
 
@@ -86,10 +104,12 @@ def find_lone(points: Float64, way: Float64) -> Bool:
     if not len(near):
         return result
     own = points[near]
-    alone = _count_near(own, own, REACH, 2) < 2
-    if alone.sum() < LEAST_AIR * CELL**3 * DUSTY:  # too few to make any air dusty
+    together = _count_near(own, own, REACH, MOST + 1) - 1
+    if np.count_nonzero(together < 1) < LEAST_AIR * CELL**3 * DUSTY:  # to make any air dusty
         return result
-    result[near[alone]] = _measure_air(own, alone, alone) > DUSTY
+    lone, density = _measure_air(own, together, 1)
+    dusty = np.flatnonzero(lone > DUSTY)
+    result[near[dusty]] = together[dusty] < _find_fewest(density[dusty])
     return result
 
 
@@ -122,11 +142,23 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
     if len(near) <= FEW:
         return result
     together = _count_near(own, own, REACH, MOST + 1) - 1
-    density = _measure_air(own, together < FEW, np.ones(len(own), dtype=bool))
-    dusty = np.flatnonzero(density > CLEAR)
-    mean = density[dusty] * 4.0 / 3.0 * math.pi * REACH**3
+    lone, density = _measure_air(own, together, FEW)
+    dusty = np.flatnonzero(lone > CLEAR)
+    mean = density[dusty] * BALL
     result[near[dusty]] = together[dusty] < _find_least(mean)
     return result
+
+
+def describe_air(stages: Sequence[StageReport]) -> str:
+    """Say that the air was so dusty that lines in it may be lost, '' where it was not."""
+    height = next((stage for stage in stages if LONE in stage.dropped), None)
+    if height is None or height.dropped[LONE] < THICK * height.num_in:
+        return ''
+    return (
+        f'dusty air: {height.dropped[LONE]} of {height.num_in} points '
+        f'({height.dropped[LONE] / height.num_in:.0%}) lie alone about the path and are left out; '
+        f'conductors within {RANGE:.0f} m of it may be lost'
+    )
 
 
 def _count_near(points: Float64, others: Float64, reach: float, most: int) -> Int64:
@@ -164,12 +196,12 @@ def _count(points, others, grid, square, most):  # type: ignore[no-untyped-def]
     return found
 
 
-def _measure_air(points: Float64, alone: Bool, wanted: Bool) -> Float64:
+def _measure_air(points: Float64, together: Int64, few: int) -> tuple[Float64, Float64]:
     """
-    Return the (W,) density of lone returns about the W points that are wanted [1/m3].
+    Return the (N,) densities of the air about each point: of ``few``, and of all returns [1/m3].
 
     A cell where most returns lie together holds an object, whose edges give lone returns too: it
-    and its neighbours do not count as air.
+    and its neighbours do not count as air.  ``few`` are those with fewer others within REACH.
     """
     cell = np.floor(points / CELL).astype(np.int64)
     cell -= cell.min(axis=0) - WIDE
@@ -179,22 +211,21 @@ def _measure_air(points: Float64, alone: Bool, wanted: Bool) -> Float64:
     )
     which = which.reshape(-1)
     # count the lone returns of each cell, none in and beside solid ones
-    count = np.bincount(which[alone], minlength=len(keys))
-    solid = keys[np.bincount(which, minlength=len(keys)) > 2 * count]
+    total = np.bincount(which, minlength=len(keys))
+    solid = keys[total > 2 * np.bincount(which[together < FEW], minlength=len(keys))]
+    count = np.bincount(which[together < few], minlength=len(keys))
     solid = np.unique(solid[:, None] + _list_steps(1, rows, layers))
-    count[np.isin(keys, solid)] = 0
-    about, which = np.unique(which[wanted], return_inverse=True)
-    about = keys[about]
-    total, air = np.zeros(len(about)), np.full(len(about), (2.0 * WIDE + 1.0) ** 3)
+    is_air = ~np.isin(keys, solid)
+    sums, air = np.zeros((2, len(keys))), np.full(len(keys), (2.0 * WIDE + 1.0) ** 3)
     for step in _list_steps(WIDE, rows, layers).tolist():
-        slot = np.minimum(np.searchsorted(keys, about + step), len(keys) - 1)
-        total += np.where(keys[slot] == about + step, count[slot], 0)
+        slot = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
+        there = (keys[slot] == keys + step) & is_air[slot]
+        sums += np.where(there, (count[slot], total[slot]), 0)
         if len(solid):
-            slot = np.minimum(np.searchsorted(solid, about + step), len(solid) - 1)
-            air -= solid[slot] == about + step
-    density = total / (np.maximum(air, 1.0) * CELL**3)
-    result: Float64 = np.where(air >= LEAST_AIR, density, 0.0)[which.reshape(-1)]
-    return result
+            slot = np.minimum(np.searchsorted(solid, keys + step), len(solid) - 1)
+            air -= solid[slot] == keys + step
+    density = np.where(air >= LEAST_AIR, sums / (np.maximum(air, 1.0) * CELL**3), 0.0)
+    return density[0][which], density[1][which]
 
 
 def _list_steps(reach: int, rows: int, layers: int) -> Int64:
@@ -203,6 +234,22 @@ def _list_steps(reach: int, rows: int, layers: int) -> Int64:
     x, y, z = (item.ravel() for item in np.meshgrid(along, along, along, indexing='ij'))
     result: Int64 = (x * rows + y) * layers + z
     return result
+
+
+def _find_fewest(density: Float64) -> Int64:
+    """Return the least number of neighbours of which the air leaves no more than LEFT."""
+    fewest = np.ones(len(density), dtype=np.int64)
+    mean = BALL * density
+    term = np.exp(-mean)
+    below = term.copy()  # probability of fewer than the count
+    for count in range(1, MOST + 1):
+        wanted = density * (1.0 - below) > LEFT
+        if not wanted.any():
+            break
+        fewest[wanted] = count + 1
+        term = term * mean / count
+        below += term
+    return fewest
 
 
 def _find_least(mean: Float64) -> Int64:

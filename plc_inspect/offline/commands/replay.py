@@ -131,6 +131,7 @@ def replay(
 
 def describe_losses(inspection: 'Inspection') -> str:
     """Return a text about the input missing in the map, or not proven, '' if nothing is."""
+    from plc_inspect.core.extraction.dust import describe_air
     from plc_inspect.core.setup.sharpness import ON_TRUST
 
     counts = inspection.counts
@@ -138,6 +139,8 @@ def describe_losses(inspection: 'Inspection') -> str:
     parts += [part['text'] for part in counts.get('parts', [])]
     if inspection.result.hazards and not counts['sharpness']['known']:
         parts.append(ON_TRUST)
+    if dust := describe_air(inspection.result.stages):
+        parts.append(dust)
     for title, key in (
         ('scans dropped', 'scans_dropped'),
         ('poses rejected', 'poses_rejected'),

@@ -14,6 +14,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
 
+from plc_inspect.core.extraction.dust import describe_air
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
 from plc_inspect.core.setup.sharpness import ON_TRUST
@@ -227,7 +228,7 @@ def describe_map(
     Describe size and sharpness of the map, and the size of the process.
 
     A doubt about the map is an error, and so is a map that is not sharp.  Where that is not known,
-    hazards are a warning.
+    hazards are a warning, as dusty air is.
     """
     share = len(voxels) / voxels.max_voxels
     sharpness = state.sharpness if state else None
@@ -240,6 +241,8 @@ def describe_map(
         level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
     elif state is not None and state.hazards and not state.sharpness.known:
         level, text = DiagnosticStatus.WARN, ON_TRUST
+    if dust := describe_air(state.stages) if state is not None else '':
+        level, text = max(level, DiagnosticStatus.WARN), f'{text}; {dust}'
     values: dict[str, object] = {
         'voxels': len(voxels),
         'voxels at most': voxels.max_voxels,

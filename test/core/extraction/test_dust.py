@@ -8,10 +8,12 @@ from scipy.spatial import cKDTree
 from plc_inspect.config import Settings
 from plc_inspect.core.extraction.dust import (
     _count_near,
+    _find_fewest,
     _find_least,
     CHANCE,
     find_dust,
     find_lone,
+    LEFT,
     REACH,
 )
 from plc_inspect.core.live.warm_up import make_sample
@@ -150,6 +152,24 @@ def test_a_wire_in_the_air_is_kept_and_the_air_is_not(density):
     assert lone[: len(wire)].mean() < 0.2
     # as many as have nothing within 0.2 m, but for those at the edge of the air
     assert lone[len(wire) :].mean() > 0.85 * np.exp(-0.0335 * density)
+
+
+@pytest.mark.parametrize('density', [9.0, 30.0])
+def test_of_dense_air_few_returns_stay(density):
+    wire, air = make_strung(60.0), make_air(density)
+    lone = find_lone(np.concatenate((wire, air)), WAY)
+    assert lone[: len(wire)].mean() < 0.02
+    inner = ((air > LOW + 4.0) & (air < HIGH - 4.0)).all(axis=1)  # of even density all about
+    assert (inner & ~lone[len(wire) :]).sum() < 1.1 * LEFT * np.prod(HIGH - LOW - 8.0)
+
+
+def test_as_few_stay_as_poisson_says():
+    density = np.array([0.1, 1.0, 4.0, 9.0, 30.0, 100.0])
+    rng = np.random.default_rng(11)
+    for value, fewest in zip(density.tolist(), _find_fewest(density).tolist(), strict=True):
+        drawn = rng.poisson(value * 4.0 / 3.0 * np.pi * REACH**3, 1_000_000)
+        assert value * (drawn >= fewest).mean() < 1.02 * LEFT
+        assert fewest == 1 or value * (drawn >= fewest - 1).mean() > 0.98 * LEFT
 
 
 @pytest.mark.parametrize('num_per_metre', [1.0, 2.5, 6.0])

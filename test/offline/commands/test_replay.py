@@ -15,9 +15,11 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from plc_inspect.core.extraction.dust import LONE
 from plc_inspect.core.setup.sharpness import ON_TRUST
 from plc_inspect.offline.commands.replay import describe_losses, main
 from plc_inspect.offline.export.results_folder import FILES
+from plc_inspect.results import StageReport
 
 REAL = Path(__file__).parents[4] / 'shared/data/real'
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -228,7 +230,8 @@ def test_real_scans_of_a_room(tmp_path, capfd, layout):
 def test_a_map_that_was_begun_anew_is_told(number, told):
     nothing = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0}
     found = describe_losses(types.SimpleNamespace(
-        counts=nothing | {'num_map_restarts': number}, result=types.SimpleNamespace(hazards=()),
+        counts=nothing | {'num_map_restarts': number},
+        result=types.SimpleNamespace(hazards=(), stages=()),
     ))
     assert told in found
     assert bool(found) == bool(number)
@@ -241,6 +244,18 @@ def test_hazards_of_a_map_of_unknown_sharpness_are_told_as_such(known, num_hazar
     counts = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0,
               'num_map_restarts': 0, 'sharpness': {'known': known}}
     found = describe_losses(types.SimpleNamespace(
-        counts=counts, result=types.SimpleNamespace(hazards=[None] * num_hazards),
+        counts=counts, result=types.SimpleNamespace(hazards=[None] * num_hazards, stages=()),
     ))
     assert found == (ON_TRUST if told else '')
+
+
+@pytest.mark.parametrize(('num_lone', 'told'), [(10, ''), (300, 'dusty air: 300 of 2000 points')])
+def test_dusty_air_is_told(num_lone, told):
+    counts = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0,
+              'num_map_restarts': 0, 'sharpness': {'known': True}}
+    height = StageReport(name='height', num_in=2000, num_kept=50, dropped={LONE: num_lone})
+    found = describe_losses(types.SimpleNamespace(
+        counts=counts, result=types.SimpleNamespace(hazards=(), stages=(height,)),
+    ))
+    assert told in found
+    assert bool(found) == bool(told)

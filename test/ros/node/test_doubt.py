@@ -8,9 +8,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from plc_inspect.config import MapSettings
+from plc_inspect.core.extraction.dust import LONE
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.setup.sharpness import ON_TRUST, Sharpness
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
+from plc_inspect.results import StageReport
 from plc_inspect.ros.node.diagnostics import describe_map
 from plc_inspect.ros.node.doubt import KnownStates, TRUSTED_NS
 
@@ -91,3 +93,14 @@ def test_hazards_of_a_map_of_unknown_sharpness_are_a_warning(num_hazards, sharpn
     state = replace(NOTHING, hazards=(None,) * num_hazards, sharpness=sharpness)
     status = describe_map(VoxelMap(MapSettings()), 0, 0, '', state)
     assert (status.level, status.message) == (level, text)
+
+
+def test_dusty_air_is_a_warning_and_hides_no_error():
+    height = StageReport(name='height', num_in=1000, num_kept=50, dropped={LONE: 60})
+    state = replace(NOTHING, sharpness=Sharpness(num_cells=40), stages=(height,))
+    status = describe_map(VoxelMap(MapSettings()), 0, 0, '', state)
+    assert status.level == DiagnosticStatus.WARN
+    assert '60 of 1000 points (6%)' in status.message
+    status = describe_map(VoxelMap(MapSettings()), 0, 0, 'turned round', state)
+    assert status.level == DiagnosticStatus.ERROR
+    assert 'turned round; dusty air' in status.message
