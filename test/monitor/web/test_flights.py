@@ -166,7 +166,7 @@ def choose(chrome, name):
 
 def test_three_vehicles_on_one_page_are_not_mixed(flight, browse):
     _, address = flight.start_page()
-    spaces = {'/one': (0, 14), '/two': (14, 14), '/three': (30, 60)}
+    spaces = {'/one': (0, 4), '/two': (14, 4), '/three': (30, 8)}
     players = {}
     for space in spaces:
         flight.listen(space)
