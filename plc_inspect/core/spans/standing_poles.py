@@ -24,17 +24,7 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.catenary.cutting import cut_curve, measure_bend
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.plan_index import gather_strip
-from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import (
-    describe_joint,
-    Joint,
-    MAX_MISS,
-    MAX_TURN,
-    MIN_RISE,
-    TURN_SIGMAS,
-)
-from plc_inspect.core.spans.structures import (
+from plc_inspect.core.extraction.structures import (
     COLUMN,
     FILLED,
     find_structure,
@@ -43,6 +33,17 @@ from plc_inspect.core.spans.structures import (
     MAX_BELOW,
     Stand,
     TOP_METRES,
+)
+from plc_inspect.core.numerics.plan_index import gather_strip
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.spans.crossarms import find_crossarms
+from plc_inspect.core.spans.joints import (
+    describe_joint,
+    Joint,
+    MAX_MISS,
+    MAX_TURN,
+    MIN_RISE,
+    TURN_SIGMAS,
 )
 from plc_inspect.results import Bool, Float64
 
@@ -157,6 +158,8 @@ def find_poles(
                 looked_at.add(cell)
                 places.append((curve, x))
     found = call_each(lambda k: _stand_at(cloud, wire, *places[k]), len(places))
+    for arm in find_crossarms(cloud, curves, wire):
+        found.append(StandingPole(position=arm.position, base=arm.base, top=arm.top))
     poles: list[StandingPole] = []
     for pole in sorted(
         (pole for pole in found if pole is not None),

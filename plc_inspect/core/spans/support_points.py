@@ -9,8 +9,8 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.extraction.structures import COLUMN, MAX_BELOW
 from plc_inspect.core.numerics.plan_index import PlanIndex
-from plc_inspect.core.spans.structures import COLUMN, MAX_BELOW
 from plc_inspect.results import Bool, Float64, Int64
 
 POLE_SLICE, TOWER_SLICE = (0.8, 0.8), (2.0, 2.0)

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.layout import Layout
-from plc_inspect.core.spans.route import Route, SIDE_BY_SIDE
-from plc_inspect.core.spans.span_fit import CutCurve
-from plc_inspect.core.spans.structures import (
+from plc_inspect.core.extraction.structures import (
     COLUMN,
     find_structure,
     MAX_BELOW,
     Stand,
     Structure,
 )
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.spans.layout import Layout
+from plc_inspect.core.spans.route import Route, SIDE_BY_SIDE
+from plc_inspect.core.spans.span_fit import CutCurve
 from plc_inspect.core.spans.support_points import (
     are_held,
     find_mean_direction,

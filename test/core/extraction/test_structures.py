@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from toys import make_index, make_pole, make_tree, turn
 
-from plc_inspect.core.spans.structures import find_structure, Stand
+from plc_inspect.core.extraction.structures import find_structure, Stand
 
 
 def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None, **changes):
