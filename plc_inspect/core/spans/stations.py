@@ -226,7 +226,8 @@ def _measure_lack(
 
     The bend of a conductor of that support is known.  In the same spans the curve would bend more
     or less by half their lengths times the difference of the curvatures, and in proportion to the
-    curvatures where the spans are level: the lesser counts, as lengths may be seen in part.
+    curvatures where the spans are level: the lesser counts, as lengths may be seen in part.  Where
+    the support holds it down, the sizes of both bends count.
     """
     own = float(curve.fit.shape[2])
     bends = []
@@ -239,4 +240,5 @@ def _measure_lack(
             total += float(other.fit.shape[2])
         bends.append(min(by_length, joint.kink * 2 * own / total))
     bend, sigma = measure_bend(points, curve, x)
-    return float(np.median(bends)) - bend, sigma
+    known = float(np.median(bends))
+    return (known - bend if known >= 0.0 else -known - abs(bend)), sigma

@@ -93,6 +93,23 @@ def test_no_conductor_is_cut_where_one_seems_to_end_but_the_others_run_straight(
     assert len(layout.curves) == len(curves)
 
 
+def test_no_conductor_is_cut_where_one_seems_to_be_held_down_but_the_others_hang_free():
+    wires = [
+        make_wire((0.0, 0.45 * k, 9.0), (44.0, 0.45 * k, 9.0), c=205.0, per_metre=4.0, seed=k)
+        for k in range(5)
+    ]
+    # of one a part was seen too high, as a curve of its own with a kink upwards
+    late = wires[0][:, 0] > 22.0
+    wires[0][late, 2] += 0.04 * (wires[0][late, 0] - 22.0)
+    wires[:1] = [wires[0][~late], wires[0][late]]
+    points = np.vstack(wires)
+    places = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(points, np.arange(*own), 0.3) for own in pairwise(places)]
+    layout = find_layout(points, curves, (), SETTINGS)
+    assert len(layout.joints) == 1  # that one alone
+    assert len(layout.curves) == len(curves)
+
+
 def test_a_conductor_is_cut_at_its_support_though_those_of_another_line_run_straight():
     points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
     # an earth wire so taut that both its spans were taken for one, and a line with other supports
