@@ -159,8 +159,8 @@ class Judge:
         Judge other curves with those that are believed; return those that are conductors.
 
         What was believed without a proven sag is so no more where it proves to be part of
-        something built with them.  With ``beside`` False, that they run beside one is
-        no evidence.  Points that are to be ``spared`` clutter none of them.
+        something built with them; nor is a stay.  With ``beside`` False, that they run beside one
+        is no evidence.  Points that are to be ``spared`` clutter none of them.
         """
         known = np.flatnonzero([not verdict.objection for verdict in self.verdicts]).tolist()
         trial = Judge(
@@ -172,7 +172,7 @@ class Judge:
         trial._beams = self._beams
         trial.decide(beside=beside)
         for number, verdict in zip(known, trial.verdicts, strict=False):
-            if prove_sag(self.curves[number], self._settings) < 1.0:
+            if verdict.objection == STAY or prove_sag(self.curves[number], self._settings) < 1.0:
                 self.verdicts[number] = verdict
         return [
             item for item in zip(curves, trial.verdicts[len(known):], strict=True)

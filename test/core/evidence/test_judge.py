@@ -298,7 +298,7 @@ def test_beside_is_what_is_believed_however_free_the_piece_is_itself():
     assert [curve for curve, _ in found.try_again(curves)] == curves[:1]
 
 
-def test_a_proven_sag_is_believed_whatever_is_built_below():
+def test_a_main_cable_is_none_once_its_beam_is_found():
     wire = make(length=60.0, c=150.0)
     rng = np.random.default_rng(8)
     deck = np.column_stack([
@@ -315,7 +315,20 @@ def test_a_proven_sag_is_believed_whatever_is_built_below():
     assert both.verdicts[0].objection == STAY  # the main cable of a bridge, if seen together
     found = Judge(points, make_index(points), make_sight(points), [one], CatenarySettings())
     found.decide()
+    assert found.believed == [one]
     assert found.try_more([other]) == []
+    assert [verdict.objection for verdict in found.verdicts] == [STAY]
+
+
+def test_a_proven_sag_is_believed_whatever_else_is_built_below():
+    wire, bar = make(length=60.0, c=150.0), make_bar(7.0, 7.5, 0.0, 60.0)
+    points = np.vstack([wire, bar])
+    one, other = make_curve(points, np.arange(len(wire))), make_curve(
+        points, np.arange(len(wire), len(points))
+    )
+    found = Judge(points, make_index(points), make_sight(points), [one], CatenarySettings())
+    found.decide()
+    found.try_more([other])
     assert found.believed == [one]
 
 
