@@ -72,8 +72,6 @@ Source: measured: bench/studies/input_faults.py dust: where it is less no span i
 """
 MOST = 30
 """Limit of the count of neighbours.  Source: numerical: CHANCE at 190 returns in a cubic metre."""
-
-
 LONE = 'alone in dusty air'
 """Why returns are not in the first stage."""
 
@@ -101,15 +99,8 @@ def find_lone(points: Float64, way: Float64) -> Bool:
     if not len(way):
         return result
     near = np.flatnonzero(_count_near(points, way, RANGE, 1))
-    if not len(near):
-        return result
-    own = points[near]
-    together = _count_near(own, own, REACH, MOST + 1) - 1
-    if np.count_nonzero(together < 1) < LEAST_AIR * CELL**3 * DUSTY:  # to make any air dusty
-        return result
-    lone, density = _measure_air(own, together, 1)
-    dusty = np.flatnonzero(lone > DUSTY)
-    result[near[dusty]] = together[dusty] < _find_fewest(density[dusty])
+    dusty, together, density = _look_at_air(points[near], 1, DUSTY)
+    result[near[dusty]] = together < _find_fewest(density, LEFT / density)
     return result
 
 
@@ -135,17 +126,12 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
     if lone is not None and len(lone):
         return find_dust(np.concatenate((points, lone)), way)[: len(points)]
     result = np.zeros(len(points), dtype=bool)
-    if len(points) <= FEW or not len(way):
+    if not len(way):
         return result
     near = np.flatnonzero(_count_near(points, way, RANGE, 1))
-    own = points[near]
-    if len(near) <= FEW:
-        return result
-    together = _count_near(own, own, REACH, MOST + 1) - 1
-    lone, density = _measure_air(own, together, FEW)
-    dusty = np.flatnonzero(lone > CLEAR)
-    mean = density[dusty] * BALL
-    result[near[dusty]] = together[dusty] < _find_least(mean)
+    dusty, together, density = _look_at_air(points[near], FEW, CLEAR)
+    fewest = np.maximum(_find_fewest(density, CHANCE), FEW)
+    result[near[dusty]] = together < fewest
     return result
 
 
@@ -159,6 +145,23 @@ def describe_air(stages: Sequence[StageReport]) -> str:
         f'({height.dropped[LONE] / height.num_in:.0%}) lie alone about the path and are left out; '
         f'conductors within {RANGE:.0f} m of it may be lost'
     )
+
+
+def _look_at_air(
+    points: Float64, few: int, clear: float
+) -> tuple[Int64, Int64, Float64]:
+    """
+    Choose the points in air where more than ``clear`` have fewer neighbours than ``few`` [1/m3].
+
+    Returned are (D,) their numbers, their neighbours, and the density of all about each [1/m3].
+    """
+    together = _count_near(points, points, REACH, FEW + 1) - 1
+    least = LEAST_AIR * CELL**3 * clear  # fewer make no air dusty
+    if len(points) <= FEW or np.count_nonzero(together < few) <= least:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
+    lone, density = _measure_air(points, together, few)
+    dusty = np.flatnonzero(lone > clear)
+    return dusty, _count_near(points[dusty], points, REACH, MOST + 1) - 1, density[dusty]
 
 
 def _count_near(points: Float64, others: Float64, reach: float, most: int) -> Int64:
@@ -236,34 +239,18 @@ def _list_steps(reach: int, rows: int, layers: int) -> Int64:
     return result
 
 
-def _find_fewest(density: Float64) -> Int64:
-    """Return the least number of neighbours of which the air leaves no more than LEFT."""
+def _find_fewest(density: Float64, chance: Float64 | float) -> Int64:
+    """Return the least number of neighbours that air gives with no more than a chance."""
     fewest = np.ones(len(density), dtype=np.int64)
+    # neighbours in the air follow a Poisson distribution
     mean = BALL * density
     term = np.exp(-mean)
     below = term.copy()  # probability of fewer than the count
-    for count in range(1, MOST + 1):
-        wanted = density * (1.0 - below) > LEFT
+    for count in range(1, MOST):
+        wanted = 1.0 - below > chance
         if not wanted.any():
             break
         fewest[wanted] = count + 1
         term = term * mean / count
         below += term
     return fewest
-
-
-def _find_least(mean: Float64) -> Int64:
-    """Return the least number of neighbours that the air gives with a chance below CHANCE."""
-    least = np.full(len(mean), FEW, dtype=np.int64)
-    # neighbours in the air follow a Poisson distribution
-    term = np.exp(-mean)
-    below = term.copy()  # probability of fewer than the count
-    for count in range(1, MOST):
-        wanted = 1.0 - below > CHANCE
-        if not wanted.any():
-            break
-        least[wanted] = max(FEW, count + 1)
-        term = term * mean / count
-        below += term
-    least[1.0 - below > CHANCE] = MOST
-    return least

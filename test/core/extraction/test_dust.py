@@ -9,7 +9,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.extraction.dust import (
     _count_near,
     _find_fewest,
-    _find_least,
+    BALL,
     CHANCE,
     find_dust,
     find_lone,
@@ -104,7 +104,8 @@ def test_neighbours_are_those_of_a_tree():
 def test_chance_is_that_of_poisson():
     mean = np.array([0.001, 0.03, 0.5, 3.0])
     rng = np.random.default_rng(7)
-    for value, least in zip(mean.tolist(), _find_least(mean).tolist(), strict=True):
+    found = _find_fewest(mean / BALL, CHANCE)
+    for value, least in zip(mean.tolist(), found.tolist(), strict=True):
         drawn = rng.poisson(value, 2_000_000)
         assert (drawn >= least).mean() < 5.0 * CHANCE
     assert Settings().hazards.group_distance > REACH
@@ -166,8 +167,10 @@ def test_of_dense_air_few_returns_stay(density):
 def test_as_few_stay_as_poisson_says():
     density = np.array([0.1, 1.0, 4.0, 9.0, 30.0, 100.0])
     rng = np.random.default_rng(11)
-    for value, fewest in zip(density.tolist(), _find_fewest(density).tolist(), strict=True):
-        drawn = rng.poisson(value * 4.0 / 3.0 * np.pi * REACH**3, 1_000_000)
+    for value, fewest in zip(
+        density.tolist(), _find_fewest(density, LEFT / density).tolist(), strict=True
+    ):
+        drawn = rng.poisson(value * BALL, 1_000_000)
         assert value * (drawn >= fewest).mean() < 1.02 * LEFT
         assert fewest == 1 or value * (drawn >= fewest - 1).mean() > 0.98 * LEFT
 
