@@ -30,6 +30,7 @@ from plc_inspect.core.extraction.linearity import (
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.spans.adoption import adopt, find_borne
+from plc_inspect.core.spans.crossarms import find_crossarms
 from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points, revise_ground
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
@@ -303,7 +304,8 @@ def _hang(
     east: Float64,
 ) -> _Hung:
     """Find spans and supports."""
-    poles = find_poles(cloud, conductors.curves, conductors.wire)
+    arms = find_crossarms(cloud, conductors.curves, conductors.wire)
+    poles = find_poles(cloud, conductors.curves, conductors.wire, arms)
     borne = find_borne(conductors.curves, poles, settings.catenary)
     conductors = replace(conductors, curves=cut_ends(
         cloud.points, cloud.index,

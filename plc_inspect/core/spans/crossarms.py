@@ -9,9 +9,7 @@ two conductors, at their height, over less than half a metre along them, and bef
 the gap is empty.  What grows into a line is as long as it is wide.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-import math
+from collections.abc import Sequence
 
 from numba import njit, prange
 import numpy as np
@@ -29,7 +27,10 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.extraction.structures import COLUMN, LEAST_HEIGHT, MAX_BELOW
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.numerics.near_pairs import find_pairs
 from plc_inspect.core.numerics.plan_index import gather_strip
+from plc_inspect.core.spans.standing_poles import StandingPole
 from plc_inspect.results import Bool, Float64, Int32
 
 LEAST_GAP, MOST_GAP = 0.3, 3.0
@@ -77,111 +78,67 @@ Source: as COLUMN, and half the thickness of an arm.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Crossarm:
-    """A bar that holds conductors, and below which something stands."""
-
-    position: Float64
-    """(2,) plan position of what stands below it [m]."""
-    base: float
-    """Height of the ground there [m]."""
-    top: float
-    """Height of its highest point [m]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Bar:
-    """What fills one gap."""
-
-    middle: Float64
-    """(2,) of its points in plan [m]."""
-    lowest: float
-    top: float
-    ends: Float64
-    """(2, 2) where both conductors pass it [m]."""
-    num_points: int
+MIDDLE, LOWEST, TOP, ENDS, NUM_POINTS, BAR = slice(2), 2, 3, slice(4, 8), 8, 9
+"""
+Columns of a bar: the middle of its points in plan [m], their lowest and highest height [m], where
+both conductors pass it in plan [m], and their number; BAR is the length of a row.
+Source: numerical: the layout of a row.
+"""
 
 
 def find_crossarms(
     cloud: OffGround, curves: Sequence[Curve], wire: Bool
-) -> tuple[Crossarm, ...]:
+) -> tuple[StandingPole, ...]:
     """
-    Find the arms between conductors.
+    Find the poles whose arms fill the gaps between conductors.
 
-    Parameters
-    ----------
-    cloud : OffGround
-        K points.
-    curves : sequence of Curve
-        Conductors.
-    wire : (K,) bool
-        Points of conductors.
+    The arguments are those of `standing_poles.find_poles`.
 
     Returns
     -------
-    tuple of Crossarm
-        One for each pole.
+    tuple of StandingPole
+        Where something stands below an arm, to whose highest point they rise.
 
     """
     if len(curves) < 2:
         return ()
     near = find_near(curves, MOST_GAP)
-    found = _find_bars(
+    bars = np.concatenate(_find_bars(
         cloud.points, *cloud.index.grid, pack_curves(curves), near.start, near.item, wire
-    )
-    bars = [
-        _Bar(
-            middle=row[:2], lowest=row[2], top=row[3], ends=row[4:8].reshape(2, 2),
-            num_points=int(row[8]),
-        )
-        for rows in found for row in rows
-    ]
-    arms = (_stand_below(cloud, wire, group) for group in _group(bars))
+    ))
+    level = np.column_stack((bars[:, MIDDLE], np.zeros(len(bars))))
+    group = unite(find_pairs(level, MOST_GAP), len(bars))
+    arms = (_stand_below(cloud, wire, bars[group == k]) for k in np.unique(group))
     return tuple(arm for arm in arms if arm is not None)
 
 
-def _group(bars: Iterable[_Bar]) -> list[list[_Bar]]:
-    """Put bars together that are of one pole."""
-    groups: list[list[_Bar]] = []
-    for bar in bars:
-        own = [
-            group for group in groups
-            if any(math.dist(bar.middle, other.middle) <= MOST_GAP for other in group)
-        ]
-        groups = [group for group in groups if group not in own]
-        groups.append([item for group in own for item in group] + [bar])
-    return groups
-
-
-def _stand_below(cloud: OffGround, wire: Bool, bars: Sequence[_Bar]) -> Crossarm | None:
-    """Return the arm that some bars are, where a point below it tells that it stands."""
-    if sum(bar.num_points for bar in bars) < LEAST_ALL:
+def _stand_below(cloud: OffGround, wire: Bool, bars: Float64) -> StandingPole | None:
+    """Return the pole of some bars (B, BAR), where a point below them tells that it stands."""
+    if bars[:, NUM_POINTS].sum() < LEAST_ALL:
         return None
-    ends = np.concatenate([bar.ends for bar in bars])
-    middle = np.median([bar.middle for bar in bars], axis=0)
-    across = ends - middle
-    across = across[np.hypot(*across.T).argmax()]
-    width = float(np.hypot(*across))
-    across = across / width
-    side = (ends - middle) @ across
+    middle = np.median(bars[:, MIDDLE], axis=0)
+    ends = bars[:, ENDS].reshape(-1, 2) - middle
+    far = np.hypot(*ends.T)
+    width = float(far.max())
+    across = ends[far.argmax()] / width
+    side = ends @ across
     if np.ptp(side) < LEAST_WIDTH:
         return None
     near: Int32 = cloud.index.strip(middle, middle, width + COLUMN)
     near = near[~wire[near] & (cloud.height.height[near] > LEAST_HEIGHT)]
     apart = cloud.points[near, :2] - middle
     along, beside = apart @ (across[1], -across[0]), apart @ across
-    lowest = min(bar.lowest for bar in bars)
     below = (
         (np.abs(along) <= FOOT) & (beside >= side.min() - COLUMN) & (beside <= side.max() + COLUMN)
-        & (cloud.points[near, 2] < lowest - MAX_BELOW)
+        & (cloud.points[near, 2] < bars[:, LOWEST].min() - MAX_BELOW)
     )
     if not below.any():
         return None
     position = middle + across * float(np.median(beside[below]))
-    return Crossarm(
+    return StandingPole(
         position=position,
         base=float(cloud.height.ground.at(np.append(position, 0.0)[None, :])[0]),
-        top=max(bar.top for bar in bars),
+        top=float(bars[:, TOP].max()),
     )
 
 
@@ -190,7 +147,7 @@ def _find_bars(  # type: ignore[no-untyped-def]
     points, start, order, corner, cell, num_rows, num_columns, rows, first, other, wire
 ):
     """List for each row the bars to those others of higher number that are beside it."""
-    found = [np.zeros((0, 9)) for _ in range(len(rows))]
+    found = [np.zeros((0, BAR)) for _ in range(len(rows))]
     for number in prange(len(rows)):
         row = rows[number]
         low, high = row[LOW], row[HIGH]
@@ -221,10 +178,10 @@ def _find_bars(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _fill_gap(points, own, row, other):  # type: ignore[no-untyped-def]
-    """List bars (B, 9) between two curves: middle, lowest, top, where both pass it, points."""
+    """List the bars (B, BAR) between two curves."""
     turn = row[COS] * other[SIN] - row[SIN] * other[COS]
     if abs(turn) > PARALLEL:
-        return np.zeros((0, 9))
+        return np.zeros((0, BAR))
     facing = 1.0 if row[COS] * other[COS] + row[SIN] * other[SIN] > 0.0 else -1.0
     low, high = row[LOW], row[HIGH]
     opened, beside = open_row(row), open_row(other)
@@ -253,7 +210,7 @@ def _fill_gap(points, own, row, other):  # type: ignore[no-untyped-def]
         counts[place[k]] += 1
         cells[place[k]] |= 1 << int((abs(y) - MARGIN) / min(CELL, room / 2.0))
         gaps[place[k]] = gap
-    bars = np.zeros((0, 9))
+    bars = np.zeros((0, BAR))
     for slot in range(around + 1, size - around - 1):
         num = counts[slot] + counts[slot + 1]
         if num < LEAST_POINTS or counts[slot] == 0 or _is_less(counts, slot):
@@ -263,19 +220,17 @@ def _fill_gap(points, own, row, other):  # type: ignore[no-untyped-def]
             both &= both - 1
             filled += 1
         room = gaps[slot] - 2.0 * MARGIN
-        if filled < FILLED * room / min(CELL, room / 2.0):
-            continue
         nearby = counts[slot - around : slot + 2 + around].sum() - num
-        if nearby > MOST_BESIDE * num:
+        if filled < FILLED * room / min(CELL, room / 2.0) or nearby > MOST_BESIDE * num:
             continue
-        bar = np.zeros((1, 9))
         chosen = own[(place == slot) | (place == slot + 1)]
-        bar[0, 0], bar[0, 1] = points[chosen, 0].mean(), points[chosen, 1].mean()
-        bar[0, 2], bar[0, 3] = points[chosen, 2].min(), points[chosen, 2].max()
-        bar[0, 4], bar[0, 5] = plan_of(row, see_beside(opened, bar[0, 0], bar[0, 1])[0])
-        bar[0, 8] = num
-        bar[0, 6], bar[0, 7] = plan_of(other, see_beside(beside, bar[0, 0], bar[0, 1])[0])
-        bars = np.concatenate((bars, bar))
+        px, py = points[chosen, 0].mean(), points[chosen, 1].mean()
+        x0, y0 = plan_of(row, see_beside(opened, px, py)[0])
+        x1, y1 = plan_of(other, see_beside(beside, px, py)[0])
+        low_z, high_z = points[chosen, 2].min(), points[chosen, 2].max()
+        bars = np.concatenate((
+            bars, np.array([[px, py, low_z, high_z, x0, y0, x1, y1, num]])
+        ))
     return bars
 
 

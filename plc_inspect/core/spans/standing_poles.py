@@ -36,7 +36,6 @@ from plc_inspect.core.extraction.structures import (
 )
 from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.crossarms import find_crossarms
 from plc_inspect.core.spans.joints import (
     describe_joint,
     Joint,
@@ -124,7 +123,7 @@ class _PoleEnd:
 
 
 def find_poles(
-    cloud: OffGround, curves: Sequence[Curve], wire: Bool
+    cloud: OffGround, curves: Sequence[Curve], wire: Bool, arms: Sequence[StandingPole] = ()
 ) -> tuple[StandingPole, ...]:
     """
     Find the poles along curves.
@@ -140,10 +139,13 @@ def find_poles(
         Conductors.
     wire : (K,) bool
         Points of conductors.
+    arms : sequence of StandingPole
+        Poles that their arms tell of.
 
     Returns
     -------
     tuple of StandingPole
+        One of those that stand together.
 
     """
     if not curves:
@@ -158,11 +160,9 @@ def find_poles(
                 looked_at.add(cell)
                 places.append((curve, x))
     found = call_each(lambda k: _stand_at(cloud, wire, *places[k]), len(places))
-    for arm in find_crossarms(cloud, curves, wire):
-        found.append(StandingPole(position=arm.position, base=arm.base, top=arm.top))
     poles: list[StandingPole] = []
     for pole in sorted(
-        (pole for pole in found if pole is not None),
+        (pole for pole in [*found, *arms] if pole is not None),
         key=lambda pole: (-pole.top, *pole.position),
     ):
         if all(math.dist(pole.position, other.position) > SAME_POLE for other in poles):

@@ -66,8 +66,9 @@ def test_an_arm_with_a_point_of_its_pole_is_found_however_the_line_runs(drop, tu
 
 
 def test_conductors_that_hang_as_if_nothing_held_them_are_cut_there():
-    cloud, curves, wire, _ = look(make_bar(), SHAFT)
-    poles = find_poles(cloud, curves, wire)
+    cloud, curves, wire, arms = look(make_bar(), SHAFT)
+    assert find_poles(cloud, curves, wire) == ()
+    poles = find_poles(cloud, curves, wire, arms)
     parts = cut_at_poles(cloud.points, curves, poles, 5.0)
     assert len(parts) == 2 * len(curves)
     assert {round(part.length, -1) for part in parts} == {60.0}
