@@ -19,6 +19,7 @@ from plc_inspect.core.extraction.dust import describe_air
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
 from plc_inspect.core.setup.sharpness import SharpnessBook
 from plc_inspect.results import Severity
 from plc_inspect.sim.scenes.scene import Scene
@@ -136,7 +137,7 @@ KINDS = {
     'aside': 'm/s aside', 'drift': 'odometry drifts:',
     'step': 'odometry stepped', 'stood': 'stood still', 'unsharp': 'map is not sharp',
     'repeated': 'are interpolated', 'coarse': 'single precision', 'otherwise': 'otherwise than',
-    'lost': 'does not fit', 'dust': 'dusty air',
+    'lost': 'does not fit', 'dust': 'dusty air', 'plumb': 'is tilted',
 }
 """What may be said, and words by which it is told."""
 
@@ -183,10 +184,16 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
                 said[kind] = event.time
     accumulator.finish()
     track += [accumulator.follower.move.apply(item) for item in waiting]
-    result = Pipeline(Settings(), way=way.places[:, 1:]).run(accumulator.map.centroids())
+    points = accumulator.map.centroids()
+    result = Pipeline(Settings(), way=way.places[:, 1:]).run(points)
+    plumb = PlumbBook()
+    plumb.add(measure_leans(points, result))
+    sharpness = plumb.judge(book.judge())
+    if sharpness.doubt or sharpness.remark:
+        said['plumb'] = event.time
     if describe_air(result.stages):
         said['dust'] = event.time
-    poor = book.judge().poor or bool(accumulator.doubt)
+    poor = sharpness.poor or bool(accumulator.doubt)
     times = np.array(at)
     true = flight.truth.interpolate(times)[0]
     off = np.array(track) - true

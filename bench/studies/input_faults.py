@@ -46,7 +46,7 @@ LEAST_FOUND = 0.9
 CLOCK = 'clock', 'unsharp'
 SCALE = 'scale', 'drift', 'otherwise', 'aside', 'unsharp'
 HEADING = 'heading', 'mount', 'aside', 'drift', 'unsharp'
-MOUNT = 'mount', 'aside', 'heading', 'drift', 'unsharp'
+MOUNT = 'mount', 'plumb', 'aside', 'heading', 'drift', 'unsharp'
 """What may be said of these; the first should be."""
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.core.live.session import Kept
 from plc_inspect.core.setup.looks import Spread
+from plc_inspect.core.setup.plumb import Leans, NO_LEANS
 from plc_inspect.core.tracking.hazard_tracking import KeptHazards, TrackedHazard
 from plc_inspect.core.tracking.support_tracking import KeptSupports
 from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
@@ -31,6 +32,7 @@ class BookWriter:
         self._hazards: dict[Any, TrackedHazard] = {}
         self._supports: dict[Any, Support] = {}
         self._spreads: tuple[Spread, ...] = ()
+        self._leans: Leans = NO_LEANS
 
     def describe(self, kept: Kept) -> tuple[dict[str, Any], dict[str, NDArray[Any]] | None]:
         """
@@ -71,13 +73,15 @@ class BookWriter:
             'spreads': to_plain(_find_later(self._spreads, kept.spreads)),
             'num_spreads': len(kept.spreads),
         }
+        if kept.leans is not self._leans:
+            news['leans'] = to_plain(kept.leans)
         moved = [
             item for key, item in spans.items()
             if key not in self._spans or self._spans[key].points is not item.points
         ]
         self._first = False
         self._spans, self._hazards, self._supports = spans, hazards, supports
-        self._spreads = kept.spreads
+        self._spreads, self._leans = kept.spreads, kept.leans
         return news, _gather_wires(moved) if moved else None
 
 
@@ -120,6 +124,7 @@ class BookReader:
     _hazards: dict[int, Any] = field(default_factory=dict)
     _supports: dict[int, Any] = field(default_factory=dict)
     _spreads: list[Any] = field(default_factory=list)
+    _leans: Any = None
     _last: dict[str, Any] = field(default_factory=dict)
 
     def put(self, news: Mapping[str, Any]) -> None:
@@ -140,6 +145,7 @@ class BookReader:
             # a record of an earlier version has none
             self._spreads += news.get('spreads', [])
             del self._spreads[:max(len(self._spreads) - int(news.get('num_spreads', 0)), 0)]
+            self._leans = news.get('leans', self._leans)
             self._last = {
                 name: news[name] for name in
                 ('span_numbers', 'hazard_numbers', 'support_numbers', 'misses')
@@ -178,6 +184,7 @@ class BookReader:
                 misses=tuple(misses.get(item.support_id, 0) for item in supports),
             ),
             spreads=from_plain(tuple[Spread, ...], self._spreads),
+            leans=from_plain(Leans, self._leans) if self._leans else NO_LEANS,
         )
 
     def _build_span(self, key: tuple[int, int]) -> TrackedSpan:

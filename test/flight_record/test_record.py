@@ -20,6 +20,7 @@ from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.setup.looks import Spread
+from plc_inspect.core.setup.plumb import Leans, NO_LEANS
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.flight_record import reader as reader_module
@@ -157,6 +158,19 @@ def test_sharpness_comes_back_with_what_was_added_and_what_was_dropped(tmp_path,
     source.grow(replace(knows, spreads=()))
     source.recording.close()
     assert read_flight(tmp_path / 'it.record').kept.spreads == ()
+
+
+def test_leans_come_back(tmp_path, knows):
+    assert len(knows.leans.poles)
+    leans = Leans(poles=np.full((2, 4), 0.1), conductors=np.full((1, 6), 1.0 / 3.0))
+    source = Source(tmp_path / 'it.record')
+    changed = replace(knows, leans=leans)
+    for kept in (replace(knows, leans=NO_LEANS), knows, changed, changed):
+        source.grow(kept)
+        source.wait()
+        found = read_flight(tmp_path / 'it.record').kept.leans
+        assert to_plain(found) == to_plain(kept.leans)
+    source.recording.close()
 
 
 def test_cut_at_any_byte_gives_the_last_whole_chunk(tmp_path, made):

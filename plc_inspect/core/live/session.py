@@ -28,6 +28,7 @@ from plc_inspect.core.live.views import ViewCounter
 from plc_inspect.core.live.window import sample_span, SPACING, Window
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.looks import LookWindow, Spread
+from plc_inspect.core.setup.plumb import Leans, measure_leans, NO_LEANS, PlumbBook
 from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.core.tracking.hazard_tracking import (
     carry_numbers,
@@ -122,6 +123,8 @@ class Kept:
     supports: KeptSupports = field(default_factory=KeptSupports)
     spreads: tuple[Spread, ...] = ()
     """What tells how sharp the map is."""
+    leans: Leans = NO_LEANS
+    """What tells whether it stands upright."""
 
 
 class Session:
@@ -136,6 +139,7 @@ class Session:
         self._frame: CloudFrame | None = None
         """Of the first window, held so that cells do not move from tick to tick."""
         self._book = SharpnessBook(REMEMBERED)
+        self._plumb = PlumbBook()
         self._views = ViewCounter()
         self.way: Float64 | None = None
         """(W, 3) where the vehicle was in the map [m], None unknown; as for ``Pipeline``."""
@@ -143,7 +147,7 @@ class Session:
     @property
     def state(self) -> LiveState:
         """What is known, without the figures of a tick."""
-        sharpness = self._book.judge()
+        sharpness = self._judge()
         return LiveState(
             spans=self._registry.spans,
             supports=self._supports.supports,
@@ -159,6 +163,7 @@ class Session:
         return Kept(
             spans=self._registry.remember(), hazards=self._hazards.remember(),
             supports=self._supports.remember(), spreads=self._book.remember(),
+            leans=self._plumb.leans,
         )
 
     def restore(self, kept: Kept) -> None:
@@ -167,6 +172,7 @@ class Session:
         self._hazards.restore(kept.hazards)
         self._supports.restore(kept.supports)
         self._book.restore(kept.spreads)
+        self._plumb.leans = kept.leans
 
     def tick(
         self, window: Window, settings: Settings, vehicle: Float64 | None,
@@ -191,8 +197,8 @@ class Session:
         Returns
         -------
         Tick
-            Without hazards where the map is not sharp.  Where it is hopeless nothing is looked
-            for: what is known stays, and no labels are given.
+            Without hazards where the map is not sharp or upright.  Where it is hopeless nothing
+            is looked for: what is known stays, and no labels are given.
 
         """
         started = time.perf_counter()
@@ -200,6 +206,7 @@ class Session:
             return self._wait(window, started)
         self._frame = self._frame or find_cloud_frame(window.points)
         result, labels = _run(window.points, self._frame, settings, rules, self.way)
+        self._plumb.add(measure_leans(window.points, result))
         self._views.advance(self.way)
         numbered = self._registry.update(
             result, window.points, window.spans, views=[
@@ -211,7 +218,7 @@ class Session:
         keys = {item.key for item in self._registry.spans if item.confirmed}
         told = {old: new for old, new in numbered.items() if new in keys}
         supports = self._supports.update(result.supports, told, window.holds)
-        news = HazardNews() if self._book.judge().poor else self._hazards.update(
+        news = HazardNews() if self._judge().poor else self._hazards.update(
             carry_numbers(result.hazards, told, supports), told, expected, window.holds,
             views=[int(self._views.count(item.position[None])[0]) for item in result.hazards],
         )
@@ -228,7 +235,10 @@ class Session:
     def measure(self, looks: Sequence[LookWindow]) -> Sharpness:
         """Take new points that tell how sharp the map is; return how sharp it is."""
         self._book.add(looks)
-        return self._book.judge()
+        return self._judge()
+
+    def _judge(self) -> Sharpness:
+        return self._plumb.judge(self._book.judge())
 
     def _wait(self, window: Window, started: float) -> Tick:
         state = replace(
@@ -274,6 +284,7 @@ class Session:
         result, labels = _run(
             points, find_cloud_frame(points), settings, rules, self.way
         )
+        self._plumb.add(measure_leans(points, result))
         known = [item.key for item in self._registry.spans]
         numbered = self._registry.update(
             result, points, known, final=True, complete=complete
@@ -282,7 +293,7 @@ class Session:
         seen = set(numbered.values()) if complete else set()
         holds = _hold_all if complete else _hold_none
         supports = self._supports.update(result.supports, numbered, holds, final=complete)
-        news = HazardNews() if self._book.judge().poor else self._hazards.update(
+        news = HazardNews() if self._judge().poor else self._hazards.update(
             carry_numbers(result.hazards, numbered, supports), numbered, seen, holds,
             final=True, complete=complete,
         )

@@ -64,6 +64,8 @@ class Sharpness:
     """Cells that were compared."""
     doubt: str = ''
     """What else is wrong with the map, '' if nothing is known of."""
+    remark: str = ''
+    """What else may be wrong with it, which holds nothing back."""
 
     @property
     def known(self) -> bool:

@@ -68,12 +68,14 @@ def replay(
 
     Notes
     -----
-    Where the map is not sharp, hazards are left out and ``counts['held_back']`` says so.
+    Where the map is not sharp or upright, hazards are left out and ``counts['held_back']`` says
+    so.
 
     """
     from plc_inspect.core.alignment.moved_results import move_result
     from plc_inspect.core.mapping.flown_way import FlownWay
     from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
     from plc_inspect.core.setup.sharpness import SharpnessBook
     from plc_inspect.offline.commands.request import hash_input
     from plc_inspect.offline.readers.bag_map import accumulate, check_used
@@ -101,14 +103,18 @@ def replay(
     sharpness = book.judge()
     if sharpness.hopeless:
         raise DataError(f'{path}: {sharpness.describe()}')
-    counts['sharpness'] = sharpness.record()
-    counts['held_back'] = sharpness.describe() if sharpness.poor else ''
     points = accumulator.map.centroids()
     points = points[accumulator.map.counts() >= settings.map.min_points]
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
     flown = way.places
     result = Pipeline(settings, rules, flown[:, 1:].copy()).run(points, progress=tell)
+    plumb = PlumbBook()
+    plumb.add(measure_leans(points, result))
+    sharpness = plumb.judge(sharpness)
+    counts['sharpness'] = sharpness.record()
+    counts['held_back'] = sharpness.describe() if sharpness.poor else ''
+    counts['lean'] = sharpness.remark
     if sharpness.poor:
         result = dataclasses.replace(result, hazards=())
     result, points = move_result(result, move), move.apply(points)

@@ -40,7 +40,8 @@ def render_summary(inspection: Inspection) -> str:
         f' {_plural(len(result.hazards), "hazard")}'
     ]
     not_covered = '' if inspection.rules is None else inspection.rules.gaps
-    for text in filter(None, (not_covered, describe_coarse_ground(inspection))):
+    lean = inspection.counts.get('lean', '')
+    for text in filter(None, (not_covered, describe_coarse_ground(inspection), lean)):
         parts[0] += f'\nWARNING: {text}'
     if not result.spans:
         return parts[0] + '\nno power line was found'

@@ -96,6 +96,7 @@ def survey(
 
     """
     from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.core.setup.plumb import find_lean, measure_leans
     from plc_inspect.offline.commands.request import hash_input
     from plc_inspect.offline.records.inspection import Inspection, Units
 
@@ -121,6 +122,7 @@ def survey(
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
     result = Pipeline(settings, rules).run(cloud.points, progress=tell)
+    lean = find_lean(measure_leans(cloud.points, result)).describe()
     seconds['pipeline'] = time.perf_counter() - started
     horizontal, vertical = cloud.metres_per_unit
     return Inspection(
@@ -134,7 +136,10 @@ def survey(
         las=cloud.las,
         rules=rules,
         checksum=checksum.result(),
-        counts={'num_points': num_points, 'num_not_finite': cloud.num_not_finite},
+        counts={
+            'num_points': num_points, 'num_not_finite': cloud.num_not_finite,
+            **({'lean': f'{lean}: check that z is up'} if lean else {}),
+        },
         seconds=seconds,
     )
 

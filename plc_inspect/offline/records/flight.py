@@ -97,7 +97,9 @@ def conclude(
 def describe_sharpness(state: LiveState) -> dict[str, Any]:
     """Return the sharpness of the map, JSON-serialisable, and why hazards are held back."""
     held = state.sharpness.describe() if state.sharpness.poor else ''
-    return {'sharpness': state.sharpness.record(), 'held_back': held}
+    return {
+        'sharpness': state.sharpness.record(), 'held_back': held, 'lean': state.sharpness.remark,
+    }
 
 
 def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':

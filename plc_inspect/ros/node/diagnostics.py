@@ -228,7 +228,7 @@ def describe_map(
     Describe size and sharpness of the map, and the size of the process.
 
     A doubt about the map is an error, and so is a map that is not sharp.  Where that is not known,
-    hazards are a warning, as dusty air is.
+    hazards are a warning, as dusty air is, and what leans.
     """
     share = len(voxels) / voxels.max_voxels
     sharpness = state.sharpness if state else None
@@ -241,8 +241,9 @@ def describe_map(
         level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
     elif state is not None and state.hazards and not state.sharpness.known:
         level, text = DiagnosticStatus.WARN, ON_TRUST
-    if dust := describe_air(state.stages) if state is not None else '':
-        level, text = max(level, DiagnosticStatus.WARN), f'{text}; {dust}'
+    if state is not None:
+        for remark in filter(None, (state.sharpness.remark, describe_air(state.stages))):
+            level, text = max(level, DiagnosticStatus.WARN), f'{text}; {remark}'
     values: dict[str, object] = {
         'voxels': len(voxels),
         'voxels at most': voxels.max_voxels,

@@ -104,3 +104,10 @@ def test_dusty_air_is_a_warning_and_hides_no_error():
     status = describe_map(VoxelMap(MapSettings()), 0, 0, 'turned round', state)
     assert status.level == DiagnosticStatus.ERROR
     assert 'turned round; dusty air' in status.message
+
+
+def test_poles_that_lean_are_a_warning():
+    state = replace(NOTHING, sharpness=Sharpness(num_cells=40, remark='3 poles lean'))
+    status = describe_map(VoxelMap(MapSettings()), 0, 0, '', state)
+    assert status.level == DiagnosticStatus.WARN
+    assert status.message.endswith('; 3 poles lean')
