@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from plc_inspect.core.hazards.blur import is_blurred
+from plc_inspect.core.hazards.blur import is_blurred, measure_reach
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import HazardKind, Severity
@@ -71,6 +71,15 @@ def judge_confidence(limit: Limit, values: dict[str, Any]) -> Confidence:
     Confidence
 
     """
+    share = DOUBTED ** len(_split_doubts(values['note']))
+    severity, hazard = (
+        share * _judge_margin(margin, values['sigma']) for margin in _find_margins(limit, values)
+    )
+    return Confidence(severity=severity, hazard=hazard)
+
+
+def _find_margins(limit: Limit, values: dict[str, Any]) -> tuple[float, float]:
+    """Return by how much the limit of the severity is broken, and the greatest [m]."""
     measured = {
         'distance': values['clearance'], 'horizontal': values['horizontal'],
         'vertical': abs(values['vertical']),
@@ -79,22 +88,23 @@ def judge_confidence(limit: Limit, values: dict[str, Any]) -> Confidence:
         (reach for severity, reach in limit.tiers if severity == values['severity']), limit.reach
     )
     above = -1.0 if values['kind'] == HazardKind.SAG else 1.0
-    share = DOUBTED ** len(_split_doubts(values['note']))
-    severity, hazard = (
-        share * _judge_margin(above * (distance - measured), values['sigma'])
-        for distance in (own, limit.reach)
-    )
-    return Confidence(severity=severity, hazard=hazard)
+    return above * (own - measured), above * (limit.reach - measured)
 
 
-def list_doubts(model: SpanModel, x: float, kind: HazardKind) -> list[str]:
-    """Return the notes of what speaks against a hazard of a kind at x of a curve [m]."""
+def list_doubts(model: SpanModel, x: float, limit: Limit, values: dict[str, Any]) -> list[str]:
+    """
+    Return the notes of what speaks against a hazard at x of a curve [m].
+
+    ``values`` are those of ``judge_confidence``.  A tree in contact blurs the conductor that it
+    touches: that is a doubt only where the blur reaches the tree, or the limit.
+    """
     doubts = []
     ends = (model.start_x, model.span.open_start), (model.end_x, model.span.open_end)
     near_end = any(is_open and abs(x - place) <= END_ROOM for place, is_open in ends)
-    if near_end and kind not in OF_CONDUCTOR:
+    if near_end and values['kind'] not in OF_CONDUCTOR:
         doubts.append(IN_DOUBT + AT_END)
-    if is_blurred(model):
+    room = min(values['clearance'], _find_margins(limit, values)[0])
+    if is_blurred(model) and room < measure_reach(model):
         doubts.append(IN_DOUBT + NOT_SHARP)
     return doubts
 

@@ -382,7 +382,7 @@ def describe_hazard(
         'voltage': rules.voltage,
         'note': limit.note,
     } | values
-    note = '; '.join(filter(None, [record['note'], *list_doubts(model, x, record['kind'])]))
+    note = '; '.join(filter(None, [record['note'], *list_doubts(model, x, limit, record)]))
     record |= {'note': note, 'severity': cap_severity(record['severity'], note)}
     confidence = judge_confidence(limit, record)
     return record | {'confidence': confidence.severity, 'chance': confidence.hazard}

@@ -11,6 +11,7 @@ import pytest
 from toys import make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.blur import measure_reach
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.hazards.confidence import (
     AT_END,
@@ -40,7 +41,7 @@ def judge(model, x, clearance, severity=Severity.CRITICAL, sigma=0.1, **changes)
         'kind': HazardKind.VEGETATION, 'severity': severity, 'clearance': clearance,
         'horizontal': clearance, 'vertical': 0.0, 'sigma': sigma,
     } | changes
-    doubts = list_doubts(model, x, values['kind'])
+    doubts = list_doubts(model, x, LIMIT, values)
     found = judge_confidence(LIMIT, values | {'note': '; '.join(doubts)})
     return found.severity, [doubt.removeprefix(IN_DOUBT) for doubt in doubts]
 
@@ -66,13 +67,27 @@ def test_doubts_halve_it():
     assert judge(model, model.start_x + 8.0, 0.5)[1] == []
     assert judge(model, model.end_x - 3.0, 0.5)[1] == []
     blurred = dataclasses.replace(model, scatter=model.curve.fit.rmse / 3.0)
-    found = judge(blurred, model.start_x + 3.0, 0.5)
+    found = judge(blurred, model.start_x + 3.0, 0.05, sigma=0.01)
     assert found == (pytest.approx(0.25), [AT_END, NOT_SHARP])
+
+
+@pytest.mark.parametrize(('clearance', 'doubted'), [
+    (0.05, True), (0.11, False), (0.5, False), (1.89, False), (1.95, True), (2.05, True),
+])
+def test_blur_is_a_doubt_where_it_reaches_the_object_or_the_limit(clearance, doubted):
+    model = fit_model()
+    blurred = dataclasses.replace(model, scatter=model.curve.fit.rmse / 3.0)
+    assert measure_reach(blurred) == pytest.approx(0.1, abs=0.005)
+    middle = (model.start_x + model.end_x) / 2
+    assert judge(blurred, middle, clearance)[1] == ([NOT_SHARP] if doubted else [])
+    assert judge(model, middle, clearance)[1] == []
 
 
 def test_what_lies_below_an_open_end_is_of_no_support():
     model = fit_model(open_start=True)
-    found = [kind for kind in HazardKind if list_doubts(model, model.start_x, kind)]
+    values = {'clearance': 1.0, 'horizontal': 1.0, 'vertical': 0.0, 'severity': Severity.CRITICAL}
+    found = [kind for kind in HazardKind
+             if list_doubts(model, model.start_x, LIMIT, values | {'kind': kind})]
     assert found == [kind for kind in HazardKind
                      if kind not in (HazardKind.GROUND, HazardKind.SAG)]
 
