@@ -87,11 +87,12 @@ The map is tilted where poles surely lean by more, whatever conductors do [m/m].
 Source: measured: the flights of LEANING with 5 degrees of roll: 3.1 and more; real poles lean
 unlike each other: those of oakland_part2_ai, by 3.8 degrees in the median, surely by 1.4.
 """
-WANDER = 0.04
+WANDER = 2.5e-5
 """
-Standard error of the points of a conductor aside [m].
-Source: measured: 8510 to 8518 and 8600 to 8611: with a right mount conductors lean by up to 2.5
-degrees where they sag by 1 m about their chord, 1.3 where by 2 m, in maps that drift.
+Standard error of the lean of a conductor for each metre of its catenary constant [1/m].
+Source: measured: 8510 to 8530: with a right mount a drift bends conductors of 90 m by 0.05 m to
+one side, of 257 m by 0.29 m; as bend and sag grow alike with the span, the lean is 3e-5 times the
+constant.
 """
 
 
@@ -102,7 +103,7 @@ class Leans:
     poles: Float64
     """(P, 4) place in plan [m], and shift in plan a metre of height [m/m]."""
     conductors: Float64
-    """(C, 6) place in plan [m], unit vector across the span, shift along it [m/m], sag [m]."""
+    """(C, 6) place in plan [m], unit vector across, shift that way [m/m], constant [m]."""
 
 
 NO_LEANS = Leans(poles=np.zeros((0, 4)), conductors=np.zeros((0, 6)))
@@ -216,10 +217,10 @@ def find_lean(leans: Leans) -> Lean:
         aside = np.where(leans.conductors[:, 3] < 0.0, -1.0, 1.0)
     able = np.abs(aside) > ASIDE
     own, aside = leans.conductors[able], aside[able]
-    swing, sag = np.median([own[:, 4] / aside, own[:, 5]], axis=1) if len(own) else (0.0, 1.0)
+    swing, constant = np.median([own[:, 4] / aside, own[:, 5]], axis=1) if len(own) else (0.0, 0.0)
     return Lean(
         num_poles=len(leans.poles), shift=shift, error=error, num_conductors=len(own),
-        swing=float(swing), swing_error=WANDER / float(sag),
+        swing=float(swing), swing_error=WANDER * float(constant),
     )
 
 
@@ -297,7 +298,7 @@ def _measure_conductors(points: Float64, result: InspectionResult) -> Float64:
         if sag >= LEAST_SAG:
             across = (-np.sin(span.azimuth), np.cos(span.azimuth))
             middle = span.positions(np.array([0.5 * span.length]))[0, :2]
-            rows.append([*middle, *across, swing, sag])
+            rows.append([*middle, *across, swing, span.c])
     return np.array(rows).reshape(-1, 6)
 
 
