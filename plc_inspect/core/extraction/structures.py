@@ -166,6 +166,43 @@ class Stand:
         return first, max(int(top) - TOP_METRES, first + LEAST_METRES - 1)
 
 
+def measure_from_lowest(
+    points: Float64, index: PlanIndex, wire: Bool, near: Float64, reach: float
+) -> tuple[float, Float32]:
+    """
+    Measure heights from the lowest thing seen at a place, where the ground was not.
+
+    From a vehicle beside a high line the feet of its towers are out of sight.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the points off the ground.
+    wire : (N,) bool
+        Points of conductors, which do not count.
+    near : (2,) float64
+        The place in plan [m].
+    reach : float
+        How far from it [m].
+
+    Returns
+    -------
+    base : float
+        What heights are measured from [m]; NaN where nothing was seen.
+    height : (N,) float32
+        Of the points about the place, NaN elsewhere [m].
+
+    """
+    found = index.strip(near, near, reach + RING * COLUMN)
+    own = found[~wire[found] & (np.hypot(*(points[found, :2] - near).T) <= reach)]
+    height = np.full(len(points), np.nan, dtype=np.float32)
+    base = float(points[own, 2].min()) - LEAST_HEIGHT if len(own) else math.nan
+    height[found] = points[found, 2] - base
+    return base, height
+
+
 def find_structure(
     points: Float64, height: Float32, index: PlanIndex, wire: Bool, stand: Stand
 ) -> Structure | None:

@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 import dataclasses
+from dataclasses import dataclass
 import math
 
 from numba import njit
@@ -23,9 +24,13 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.spans.joints import Joint
 from plc_inspect.core.spans.layout import Layout
+from plc_inspect.core.spans.route import SIDE_BY_SIDE
 from plc_inspect.core.spans.span_fit import CutCurve, pack_ends
 from plc_inspect.results import Float64
 
+TERMINAL_SPREAD = 2.5
+"""Open ends this near along the line end at one support [m].
+Source: judgement; holds from 1.25 to 5 on bench/constants.py."""
 END_SCATTER = 0.05
 """Standard deviation along the line of where conductors hang from one support [m].
 Source: judgement; holds from 0.025 to 0.1 on bench/constants.py."""
@@ -46,6 +51,57 @@ Source: numerical: Gauss-Newton converges quadratically.
 """
 LEAST_WEIGHT = 1e-12
 """Inverse variance of a crossing, at least [1/m2].  Source: numerical: avoids a division by 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanEnd:
+    """One end of the curve of a span."""
+
+    number: int
+    """Which curve."""
+    side: int
+    """-1 its low, 1 its high end."""
+    place: Float64
+    """(3,) where it is [m]."""
+    azimuth: float
+    """Of the curve [rad]."""
+
+    @property
+    def outward(self) -> Float64:
+        """(2,) plan direction in which the conductor would go on."""
+        return self.side * np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
+
+
+def group_ends(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
+    """Open ends that lie side by side across their line."""
+    groups: list[list[SpanEnd]] = []
+    for end in ends:
+        unit = end.side * end.outward
+        for group in groups:
+            apart = np.array([other.place[:2] - end.place[:2] for other in group])
+            if (
+                np.abs(apart @ unit).max() <= TERMINAL_SPREAD
+                and np.linalg.norm(apart, axis=1).min() <= SIDE_BY_SIDE
+            ):
+                group.append(end)
+                break
+        else:
+            groups.append([end])
+    return groups
+
+
+def mean_azimuth(ends: Sequence[SpanEnd]) -> float:
+    """Azimuth of the line at a support, half way between both sides of an angle."""
+    doubled = 2 * np.array([end.azimuth for end in ends])
+    return 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
+
+
+def measure_gap(ends: Sequence[SpanEnd], finals: Sequence[CutCurve]) -> float:
+    """Return how far before their support the last point of conductors is, in the mean [m]."""
+    curves = [finals[end.number].curve for end in ends]
+    spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
+    return float(spacing) / len(ends)
+
 
 
 def settle_ends(

@@ -15,12 +15,19 @@ from plc_inspect.core.extraction.structures import (
     COLUMN,
     find_structure,
     MAX_BELOW,
+    measure_from_lowest,
     Stand,
     Structure,
 )
 from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.spans.attachments import (
+    group_ends,
+    mean_azimuth,
+    measure_gap,
+    SpanEnd,
+)
 from plc_inspect.core.spans.layout import Layout
-from plc_inspect.core.spans.route import Route, SIDE_BY_SIDE
+from plc_inspect.core.spans.route import Route
 from plc_inspect.core.spans.span_fit import CutCurve
 from plc_inspect.core.spans.support_points import (
     are_held,
@@ -32,9 +39,6 @@ from plc_inspect.core.spans.support_points import (
 )
 from plc_inspect.results import Bool, Float64, Support
 
-TERMINAL_SPREAD = 2.5
-"""Open ends this near along the line end at one support [m].
-Source: judgement; holds from 1.25 to 5 on bench/constants.py."""
 SAME_WAY = math.radians(45.0)
 """Ends at one support that point the same way differ by less in azimuth.
 Source: judgement; holds from 22.5 to 90 degrees on bench/constants.py."""
@@ -59,25 +63,6 @@ Source: judgement; not measured."""
 INWARD_PARTS = 4
 """A pole shortens a conductor by at most one of this many parts.
 Source: judgement; not measured."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SpanEnd:
-    """One end of the curve of a span."""
-
-    number: int
-    """Which curve."""
-    side: int
-    """-1 its low, 1 its high end."""
-    place: Float64
-    """(3,) where it is [m]."""
-    azimuth: float
-    """Of the curve [rad]."""
-
-    @property
-    def outward(self) -> Float64:
-        """(2,) plan direction in which the conductor would go on."""
-        return self.side * np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -166,7 +151,7 @@ def place_supports(
         if members:
             found.append(Standing(position=record.position, ends=members))
     opened = [end for end, own in zip(ends, at, strict=True) if own < 0]
-    for members in _group_ends(opened):
+    for members in group_ends(opened):
         position = np.mean([end.place[:2] for end in members], axis=0)
         found.append(Standing(position=position, ends=members, is_open=True))
 
@@ -205,7 +190,7 @@ def _is_held_up(
         return False
     places = np.array([end.place for end in item.ends])
     outward = np.array([end.outward for end in item.ends])
-    if not goes_on(cloud, wire, places, outward, _measure_gap(item.ends, finals)):
+    if not goes_on(cloud, wire, places, outward, measure_gap(item.ends, finals)):
         return False
     is_tower = item.structure is not None and item.structure.top > places[:, 2].max() - MAX_BELOW
     return is_tower or are_held(cloud.points, cloud.index, wire, places)
@@ -213,7 +198,7 @@ def _is_held_up(
 
 def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Bool) -> _Placed:
     """Describe one support, and mark its points in the mask."""
-    azimuth, structure = _mean_azimuth(item.ends), item.structure
+    azimuth, structure = mean_azimuth(item.ends), item.structure
     attachments = np.array([end.place for end in item.ends])
     place = _settle(item.position, structure, azimuth)
     foot = float(cloud.height.ground.at(place[None, :])[0])
@@ -244,11 +229,28 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
 def _look_for_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure | None:
     """Find what stands at the ends of conductors, or a pole ahead of ends that are open."""
     reach = FEW_REACH if len(item.ends) < POLE_ENDS else MANY_REACH
-    found = _find_structure(cloud, wire, item, item.position, reach)
+    found = _find_structure(cloud, wire, item, item.position, reach) or _find_masts(
+        cloud, wire, item
+    )
     if found is None and item.is_open and len(_group_ways(item.ends)) == 1:
         ahead = reach * find_mean_direction(np.array([end.outward for end in item.ends]))
         found = _find_structure(cloud, wire, item, item.position + ahead, reach, ahead=True)
     return found
+
+
+def _find_masts(cloud: OffGround, wire: Bool, item: Standing) -> Structure | None:
+    """Find a tower on two masts, such as a portal, of which each holds a conductor."""
+    found: list[Structure] = []
+    for end in item.ends:
+        mast = _find_structure(cloud, wire, replace(item, ends=[end]), end.place[:2], FEW_REACH)
+        if mast is not None:
+            found.append(mast)
+    places = np.array([mast.position for mast in found]).reshape(-1, 2)
+    if not len(places) or np.linalg.norm(places - places[0], axis=1).max() <= MIN_TOWER:
+        return None
+    return Structure(
+        position=places.mean(axis=0), top=max(mast.top for mast in found), kind='tower'
+    )
 
 
 def _find_structure(
@@ -256,24 +258,30 @@ def _find_structure(
     ahead: bool = False,
 ) -> Structure | None:
     """Find what reaches up to the ends of conductors."""
-    base = float(cloud.height.ground.at(near[None, :])[0])
+    base = float(cloud.height.ground.at(near[None, :], max_gap=reach)[0])
+    height, lowest, is_whole = cloud.height.height, cloud.least, math.isfinite(base)
+    if not is_whole:
+        base, height = measure_from_lowest(cloud.points, cloud.index, wire, near, reach)
+        lowest = 0.0
     if not math.isfinite(base):
         return None
     attachment = np.array([end.place[2] for end in item.ends])
-    azimuth = _mean_azimuth(item.ends)
+    azimuth = mean_azimuth(item.ends)
     across = [end.place[:2] @ (-math.sin(azimuth), math.cos(azimuth)) for end in item.ends]
-    few = len(item.ends) < POLE_ENDS
-    structure = find_structure(cloud.points, cloud.height.height, cloud.index, wire, Stand(
+    few, is_wide = len(item.ends) < POLE_ENDS, float(np.ptp(across)) > MIN_TOWER
+    structure = find_structure(cloud.points, height, cloud.index, wire, Stand(
         near=near,
         azimuth=azimuth,
         reach=reach,
         attachment=float(attachment.min()) - base,
         top=float(attachment.max()) - base,
-        lowest=cloud.least,
-        may_be_tower=not ahead and (few or float(np.ptp(across)) > MIN_TOWER), is_told=not ahead,
+        lowest=lowest,
+        may_be_tower=not ahead and (few or is_wide), is_told=not ahead,
     ))
     if structure is not None and structure.top < float(attachment.min()) - MAX_BELOW:
         return None  # a tree below does not hold them
+    if structure is not None and not is_whole and is_wide and not few:
+        return replace(structure, kind='tower')  # of which the head alone was seen
     return structure
 
 
@@ -307,24 +315,6 @@ def _is_same(first: Standing, second: Standing) -> bool:
     )
 
 
-def _group_ends(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
-    """Open ends that lie side by side across their line."""
-    groups: list[list[SpanEnd]] = []
-    for end in ends:
-        unit = end.side * end.outward
-        for group in groups:
-            apart = np.array([other.place[:2] - end.place[:2] for other in group])
-            if (
-                np.abs(apart @ unit).max() <= TERMINAL_SPREAD
-                and np.linalg.norm(apart, axis=1).min() <= SIDE_BY_SIDE
-            ):
-                group.append(end)
-                break
-        else:
-            groups.append([end])
-    return groups
-
-
 def _reach_pole(
     ends: Sequence[SpanEnd], pole: Structure, finals: Sequence[CutCurve], end_sigma: Float64
 ) -> dict[tuple[int, int], tuple[float, float]]:
@@ -355,18 +345,11 @@ def _reach_support(
         units = np.array([end.outward for end in group])
         outward = find_mean_direction(units)
         along = np.array([end.place[:2] for end in group]) @ outward
-        gap = _measure_gap(group, finals)
+        gap = measure_gap(group, finals)
         beyond = (along.max() + gap - along) / (units @ outward)
         for end, more in zip(group, beyond, strict=True):
             closed[end.number, end.side] = float(more), math.hypot(gap, ARM_SCATTER)
     return closed
-
-
-def _measure_gap(ends: Sequence[SpanEnd], finals: Sequence[CutCurve]) -> float:
-    """Return how far before their support the last point of conductors is, in the mean [m]."""
-    curves = [finals[end.number].curve for end in ends]
-    spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
-    return float(spacing) / len(ends)
 
 
 def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
@@ -380,12 +363,6 @@ def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
         else:
             groups.append([end])
     return groups
-
-
-def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:
-    """Azimuth of the line at a support, half way between both sides of an angle."""
-    doubled = 2 * np.array([end.azimuth for end in ends])
-    return 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
 
 
 def _settle(position: Float64, structure: Structure | None, azimuth: float) -> Float64:

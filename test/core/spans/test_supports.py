@@ -242,3 +242,31 @@ def test_a_tower_at_the_border_of_a_cloud_is_seen_from_both_sides(half):
     assert len(closed) == 4 * (half < 2.0)
     points, label = cut_out(points, label, 2.0, 60.0)
     assert place(points, label, num_wires=4)[0] == ()
+
+
+@pytest.mark.parametrize(('near', 'kind'), [(12.0, 'tower'), (0.0, 'unseen')])
+def test_the_head_of_a_tower_tells_of_it_where_its_foot_is_out_of_sight(near, kind):
+    """Where the ground below is in view, so would be what stands on it."""
+    rng = np.random.default_rng(0)
+    body = rng.uniform((99.3, -0.7, 9.0), (100.7, 0.7, 17.0), (600, 3))
+    arm = rng.uniform((99.7, -6.0, 15.6), (100.3, 6.0, 16.2), (400, 3))
+    points, label = make_line(poles=False, offsets=(-5.0, 0.0, 5.0), more=[body, arm])
+    keep = (label != 2) | (np.hypot(points[:, 0] - 100.0, points[:, 1]) > near)
+    (support,), _, _ = place(points[keep], label[keep])
+    assert support.kind == kind
+    np.testing.assert_allclose(support.position[:2], [100.0, 0.0], atol=0.3)
+    if kind == 'tower':
+        assert support.position[2] + support.height == pytest.approx(17.0, abs=0.2)
+
+
+@pytest.mark.parametrize(('masts', 'kind'), [((-5.0, 5.0), 'tower'), ((-5.0,), 'unseen')])
+def test_a_tower_may_stand_on_two_masts(masts, kind):
+    rng = np.random.default_rng(0)
+    parts = [
+        rng.uniform((99.3, y - 0.7, 0.0), (100.7, y + 0.7, 16.5), (800, 3)) for y in masts
+    ]
+    beam = rng.uniform((99.7, -5.0, 13.0), (100.3, 5.0, 14.0), (400, 3))
+    points, label = make_line(poles=False, offsets=(-5.0, 5.0), more=[*parts, beam])
+    (support,), _, _ = place(points, label, num_wires=4)
+    assert support.kind == kind
+    np.testing.assert_allclose(support.position[:2], [100.0, 0.0], atol=0.5)
