@@ -119,7 +119,7 @@ class Lean:
     error: float
     """Standard error of it [m/m]."""
     num_conductors: int
-    """Those that could tell of a lean that way; of any without poles."""
+    """Those that could tell of a lean that way; of any where poles do not lean."""
     swing: float
     """Of conductors that way [m/m]."""
     swing_error: float
@@ -211,9 +211,10 @@ def find_lean(leans: Leans) -> Lean:
     if len(leans.poles) > 1:
         spread = np.median(np.hypot(*(leans.poles[:, 2:] - shift).T))
         error = MEDIAN_ERROR * float(spread) / math.sqrt(len(leans.poles))
-    way = shift / max(float(np.hypot(*shift)), 1e-9)
-    aside = leans.conductors[:, 2:4] @ way
-    if not shift.any():  # each to its own left, where the span begins in the west
+    size = float(np.hypot(*shift))
+    if size - SURELY * error > LEANING:
+        aside = leans.conductors[:, 2:4] @ shift / size
+    else:  # each to its own left, where the span begins in the west
         aside = np.where(leans.conductors[:, 3] < 0.0, -1.0, 1.0)
     able = np.abs(aside) > ASIDE
     own, aside = leans.conductors[able], aside[able]
