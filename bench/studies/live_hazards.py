@@ -94,7 +94,7 @@ class Vehicle:
         """Take what a tick found."""
         self.state, num = tick.state, len(tick.labels)
         self.accumulator.map.label(window.slots[:num], window.points[:num], tick.labels)
-        self.owed.end(self.accumulator.map.cells.index)
+        self.owed.end(self.accumulator.map.cells)
         for hazard in tick.state.hazards:
             item = self.told.setdefault(hazard.hazard_id, Told())
             assert self.place is not None

@@ -123,7 +123,9 @@ def find_hazards(
         owner=nearby.span,
         surface=surface | parts.column,
     ).take(other)
-    found, explained = find_encroachments(around, models, supports, rules, settings)
+    found, explained = find_encroachments(
+        around, models, supports, rules, settings, over_ground=height is not None
+    )
     free = np.zeros(len(own), dtype=bool)
     free[other] = ~explained
     if height is not None and rules.find('fall_in'):

@@ -146,6 +146,15 @@ def test_a_flat_part_that_happens_to_offend_does_not_make_a_tree_a_structure():
     assert [record['kind'] for record in records] == [HazardKind.VEGETATION]
 
 
+@pytest.mark.parametrize(('rise', 'num'), [(0.02, 0), (0.25, 0), (0.4, 1), (3.0, 1)])
+def test_what_hardly_rises_above_the_ground_is_of_it(rise, num):
+    rng = np.random.default_rng(0)
+    points = rng.uniform((48.0, -1.0, 0.5), (52.0, 1.0, 0.5 + rise), (60, 3))
+    reach = make_model(*ENDS).part(points)[2].max() + 1.0
+    rules = plain_rules(HazardSettings(warning_distance=float(reach), critical_distance=2.0))
+    assert len(search(points, rules=rules)[0]) == num
+
+
 def test_nothing_near_gives_nothing():
     records, explained = search(np.zeros((0, 3)))
     assert records == []
