@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.frame_watch import FramedPose
-from plc_inspect.core.alignment.parts import Part, Seen
+from plc_inspect.core.alignment.parts import BY_RATE, Part, Seen
 from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.core.mapping.placement import is_placed, Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
@@ -361,12 +361,12 @@ class Accumulator:
         """Insert scans into the map; begin it anew at a part that does not fit into it."""
         for item in (item for item in ready if item is not None):
             if isinstance(item, Part):
-                self.entry.begin_anew(item.describe())
+                self.entry.begin_anew(item.describe(), holds=item.by != BY_RATE)
                 continue
             insertion = self.entry.enter(item)
             if insertion is None and self.entry.is_away(item):
                 back = self.follower.move.inverse()
-                self._begin_anew('the odometry left the range of the map')
+                self._begin_anew('the odometry left the range of the map', holds=True)
                 item = replace(item, points=back.apply(item.points))
                 insertion = self.entry.enter(item)
             if insertion is None:
@@ -385,9 +385,9 @@ class Accumulator:
             self.timing.forget_looks()
             self._begin_anew(f'the mount of the lidar has changed: {self.mount.describe()}')
 
-    def _begin_anew(self, cause: str) -> None:
+    def _begin_anew(self, cause: str, *, holds: bool = False) -> None:
         self.follower.clear()
-        self.entry.begin_anew(cause)
+        self.entry.begin_anew(cause, holds=holds)
 
     def counters(self) -> Counters:
         """Return the counts since the start."""

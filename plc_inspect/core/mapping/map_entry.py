@@ -3,6 +3,8 @@
 
 """Inserts placed scans into the map, and begins the map anew where it has to."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from plc_inspect.config import MapSettings
@@ -33,6 +35,8 @@ class MapEntry:
         """Times the map began anew."""
         self.cause = ''
         """Why it last began anew."""
+        self.on_end: Callable[[str], object] = lambda cause: None
+        """Called with the cause before a map is forgotten that was right."""
         self._beyond_since: int | None = None
 
     def forget_times(self) -> None:
@@ -46,8 +50,10 @@ class MapEntry:
         self.near.clear()
         self._beyond_since = None
 
-    def begin_anew(self, cause: str) -> None:
-        """Forget everything in the map, and count it."""
+    def begin_anew(self, cause: str, *, holds: bool) -> None:
+        """Forget everything in the map, and count it; ``holds``: the map was right as it was."""
+        if holds and len(self.map):
+            self.on_end(cause)
         self.clear()
         self.num_restarts += 1
         self.cause = cause

@@ -9,7 +9,7 @@ import dataclasses
 from dataclasses import asdict
 from pathlib import Path
 import time
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.command_line import (
@@ -25,7 +25,9 @@ from plc_inspect.printable import decode_name, make_printable
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
     from plc_inspect.core.hazards.clearance_rules import RuleSet
+    from plc_inspect.core.setup.sharpness import Sharpness
     from plc_inspect.offline.records.inspection import Inspection
+    from plc_inspect.results import Float64, InspectionResult
 
 NAME = 'plc_replay'
 
@@ -69,16 +71,19 @@ def replay(
     Notes
     -----
     Where the map is not sharp or upright, hazards are left out and ``counts['held_back']`` says
-    so.
+    so.  Where the map began anew, what was found in the one before is in ``earlier``.
 
     """
     from plc_inspect.core.alignment.moved_results import move_result
     from plc_inspect.core.mapping.flown_way import FlownWay
-    from plc_inspect.core.pipeline import Pipeline
-    from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
     from plc_inspect.core.setup.sharpness import SharpnessBook
     from plc_inspect.offline.commands.request import hash_input
-    from plc_inspect.offline.readers.bag_map import accumulate, check_used
+    from plc_inspect.offline.readers.bag_map import (
+        accumulate,
+        check_used,
+        EndedMap,
+        list_centroids,
+    )
     from plc_inspect.offline.readers.bags import Recording
     from plc_inspect.offline.records.inspection import Inspection
 
@@ -86,9 +91,10 @@ def replay(
     topics = (settings.input.scan_topic, settings.input.odometry_topic)
     started = time.perf_counter()
     book, way = SharpnessBook(), FlownWay()
+    ended: list[EndedMap] = []
     with Recording(path, *topics, settings.input) as recording:
         accumulator = accumulate(
-            recording, settings, lambda share: tell('reading', share), book, way
+            recording, settings, lambda share: tell('reading', share), book, way, ended
         )
         check_used(recording, accumulator, settings)
         counts = asdict(accumulator.counters())
@@ -103,42 +109,63 @@ def replay(
     sharpness = book.judge()
     if sharpness.hopeless:
         raise DataError(f'{path}: {sharpness.describe()}')
-    points = accumulator.map.centroids()
-    points = points[accumulator.map.counts() >= settings.map.min_points]
+    points, flown = list_centroids(accumulator, settings), way.places
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
-    flown = way.places
-    result = Pipeline(settings, rules, flown[:, 1:].copy()).run(points, progress=tell)
-    plumb = PlumbBook()
-    plumb.add(measure_leans(points, result))
-    sharpness = plumb.judge(sharpness)
-    counts['sharpness'] = sharpness.record()
-    counts['held_back'] = sharpness.describe() if sharpness.poor else ''
-    counts['lean'] = sharpness.remark
-    if sharpness.poor:
-        result = dataclasses.replace(result, hazards=())
-    result, points = move_result(result, move), move.apply(points)
-    flown[:, 1:] = move.apply(flown[:, 1:])
-    seconds['pipeline'] = time.perf_counter() - started
-    return Inspection(
-        result=result,
-        points=points,
+    result, judged = _inspect(points, flown, sharpness, settings, rules, tell)
+    known = Inspection(
+        result=move_result(result, move),
+        points=move.apply(points),
         settings=settings,
         source=decode_name(path.absolute().name),
         command=NAME,
         frame_id=accumulator.frame_id,
         rules=rules,
         checksum=hash_input(path),
-        way=flown,
-        counts=counts,
-        seconds=seconds,
+        counts=counts | judged,
     )
+    flown[:, 1:] = move.apply(flown[:, 1:])
+    earlier = []
+    for part in ended:
+        if len(part.points) < settings.segment.min_points or part.sharpness.hopeless:
+            continue
+        result, judged = _inspect(
+            part.points, part.way, part.sharpness, settings, rules, lambda step, share: None
+        )
+        earlier.append(dataclasses.replace(
+            known, result=result, points=part.points, way=part.way,
+            counts={'ended': part.cause, **judged},
+        ))
+    seconds['pipeline'] = time.perf_counter() - started
+    return dataclasses.replace(known, way=flown, earlier=tuple(earlier), seconds=seconds)
+
+
+def _inspect(
+    points: 'Float64', way: 'Float64', sharpness: 'Sharpness', settings: 'Settings',
+    rules: 'RuleSet | None', tell: Progress,
+) -> 'tuple[InspectionResult, dict[str, Any]]':
+    """Return what is found in a map, without hazards where it is doubtful, and what tells that."""
+    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
+
+    result = Pipeline(settings, rules, way[:, 1:].copy()).run(points, progress=tell)
+    plumb = PlumbBook()
+    plumb.add(measure_leans(points, result))
+    sharpness = plumb.judge(sharpness)
+    if sharpness.poor:
+        result = dataclasses.replace(result, hazards=())
+    return result, {
+        'sharpness': sharpness.record(),
+        'held_back': sharpness.describe() if sharpness.poor else '',
+        'lean': sharpness.remark,
+    }
 
 
 def describe_losses(inspection: 'Inspection') -> str:
     """Return a text about the input missing in the map, or not proven, '' if nothing is."""
     from plc_inspect.core.extraction.dust import describe_air
     from plc_inspect.core.setup.sharpness import ON_TRUST
+    from plc_inspect.offline.export.results_folder import BEFORE
 
     counts = inspection.counts
     parts = [counts['mount_doubt']] if counts.get('mount_doubt') else []
@@ -156,9 +183,11 @@ def describe_losses(inspection: 'Inspection') -> str:
         if reasons:
             parts.append(f'{title}: {reasons}')
     if counts['num_map_restarts']:
+        num = len(inspection.earlier)
+        names = ', '.join(BEFORE.format(number) for number in range(1, num + 1))
         parts.append(
             f'the map was begun anew {counts["num_map_restarts"]} times: what was flown before is '
-            'not in the results'
+            + (f'in {names}, in the results folder' if num else 'not in the results')
         )
     if counts['num_scans_lost']:
         parts.append(f'scans missing in the recording: {counts["num_scans_lost"]}')
@@ -187,7 +216,9 @@ def _run(argv: Sequence[str] | None) -> int:
     check_results(arguments.output, arguments.force, [bag])
     with show_progress(arguments.quiet) as progress:
         inspection = replay(bag, settings, progress, request.rules)
-        inspection = dataclasses.replace(inspection, **origin)
+        inspection = dataclasses.replace(inspection, **origin, earlier=tuple(
+            dataclasses.replace(part, **origin) for part in inspection.earlier
+        ))
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
         parts = [render_summary(inspection), describe_losses(inspection)]

@@ -44,6 +44,8 @@ OPTIONAL_FILES = (
     'results.gpkg',
 )
 """Further files, if requested or possible."""
+BEFORE = 'before_{}'
+"""Folders in it with what was found in maps that ended before the last one of a flight."""
 
 
 def check_results(
@@ -58,7 +60,7 @@ def check_results(
     check_outside(inputs, folder)
     check_folder(folder, force)
     if folder.exists():
-        foreign = sorted({item.name for item in folder.iterdir()} - {*FILES, *OPTIONAL_FILES})
+        foreign = _list_foreign(folder)
         if foreign:
             raise DataError(
                 f'{folder} is not replaced: it holds {len(foreign)} files that are not results,'
@@ -69,6 +71,16 @@ def check_results(
         ancestor = ancestor.parent
     if not ancestor.is_dir() or not os.access(ancestor, os.W_OK | os.X_OK):
         raise DataError(f'{folder} cannot be written: no permission to write in {ancestor}')
+
+
+def _list_foreign(folder: Path) -> list[str]:
+    """Return the names of what is in a folder and no result, ascending."""
+    names, number = {item.name for item in folder.iterdir()}, 1
+    found = names - {*FILES, *OPTIONAL_FILES}
+    while (before := BEFORE.format(number)) in names and (folder / before).is_dir():
+        found = found - {before} | {f'{before}/{name}' for name in _list_foreign(folder / before)}
+        number += 1
+    return sorted(found)
 
 
 def write_results(
@@ -110,6 +122,10 @@ def write_results(
             write_tables(aside, inspection)
             return
         write_files(aside, inspection)
+        for number, earlier in enumerate(inspection.earlier, 1):
+            before = aside / BEFORE.format(number)
+            before.mkdir()
+            write_files(before, earlier)
         if paper:
             print_report(
                 lambda own: render_report(inspection, paper=own), paper, aside / 'report.pdf'

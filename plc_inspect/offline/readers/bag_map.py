@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +13,24 @@ from plc_inspect.config import MOST_VOXELS, Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.mapping.standstill import explain_standstill
-from plc_inspect.core.setup.sharpness import SharpnessBook
+from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.errors import DataError
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.results import Float64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EndedMap:
+    """A map that ended in flight and was right, as where what followed did not fit to it."""
+
+    points: Float64
+    """(N, 3) centroids, in the frame of the odometry when it began [m]."""
+    cause: str
+    """Why it ended."""
+    sharpness: Sharpness
+    way: Float64
+    """(K, 4) time [s] and position [m] of the vehicle up to then."""
 
 
 def accumulate(
@@ -24,6 +39,7 @@ def accumulate(
     progress: Callable[[float], None] | None = None,
     book: SharpnessBook | None = None,
     way: FlownWay | None = None,
+    ended: list[EndedMap] | None = None,
 ) -> Accumulator:
     """
     Insert all scans of a recording into a map, as the node would have done in flight.
@@ -43,6 +59,8 @@ def accumulate(
         Collects the sharpness of the map.
     way : FlownWay or None
         Collects the path of the vehicle.
+    ended : list or None
+        Takes maps that end before the recording does; ``book`` and ``way`` then begin anew.
 
     Returns
     -------
@@ -57,6 +75,10 @@ def accumulate(
     """
     room = dataclasses.replace(settings.map, max_voxels=MOST_VOXELS)
     accumulator = Accumulator(dataclasses.replace(settings, map=room), recorded=True)
+    if ended is not None and book is not None and way is not None:
+        accumulator.entry.on_end = lambda cause: ended.append(
+            _end_map(accumulator, settings, book, way, cause)
+        )
     for item in recording.fixed_transforms:
         accumulator.placer.add_frame(item)
     for message in recording:
@@ -94,6 +116,25 @@ def accumulate(
     if progress is not None:
         progress(1.0)
     return accumulator
+
+
+def list_centroids(accumulator: Accumulator, settings: Settings) -> Float64:
+    """Return the (N, 3) centroids of the voxels with points enough [m]."""
+    known = accumulator.map.counts() >= settings.map.min_points
+    return accumulator.map.centroids()[known]
+
+
+def _end_map(
+    accumulator: Accumulator, settings: Settings, book: SharpnessBook, way: FlownWay, cause: str
+) -> EndedMap:
+    book.add(accumulator.entry.meter.take())
+    found = EndedMap(
+        points=list_centroids(accumulator, settings), cause=cause, sharpness=book.judge(),
+        way=way.places,
+    )
+    book.clear()
+    way.clear()
+    return found
 
 
 def check_used(recording: Recording, accumulator: Accumulator, settings: Settings) -> None:

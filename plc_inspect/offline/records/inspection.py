@@ -103,6 +103,8 @@ class Inspection:
     """SHA-256 of the input, hexadecimal; empty if it is not a file."""
     way: Float64 | None = None
     """(K, 4) time [s] and position [m] of the vehicle along its path, None unknown."""
+    earlier: tuple['Inspection', ...] = ()
+    """Of a flight, the maps that ended before its last one did."""
     counts: Mapping[str, Any] = field(default_factory=dict)
     """Counts of the reader: read and dropped, JSON-serialisable."""
     seconds: Mapping[str, float] = field(default_factory=dict)

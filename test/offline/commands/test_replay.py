@@ -98,9 +98,13 @@ def make_odometry(stamp_ns, x):
 
 def write_bag(
     path, scan_topic='/velodyne_points', num_scans=5, storage=StoragePlugin.MCAP, *, lead=0.0,
-    gap=False,
+    gap=False, away=None,
 ):
-    """Write a flight at 10 m/s along x; each scan sees the same ten points of the lidar frame."""
+    """
+    Write a flight at 10 m/s along x; each scan sees the same ten points of the lidar frame.
+
+    From scan ``away`` on the odometry is 500 km away.
+    """
     points = np.column_stack((np.full(10, 5.0), np.arange(10.0), np.full(10, 2.0)))
     with Writer(path, version=9, storage_plugin=storage) as writer:
         scans, poses = (
@@ -109,7 +113,8 @@ def write_bag(
         )
         for tick in range(5 * num_scans + 5):
             stamp = START + tick * 20_000_000
-            message = make_odometry(stamp, 0.2 * tick)
+            far = 500_000.0 if away is not None and tick >= 5 * away else 0.0
+            message = make_odometry(stamp, far + 0.2 * tick)
             if not (gap and 5 < tick < 21):
                 writer.write(poses, stamp, STORE.serialize_cdr(message, ODOMETRY))
             if tick % 5 == 2 and tick < 5 * num_scans:
@@ -230,11 +235,37 @@ def test_real_scans_of_a_room(tmp_path, capfd, layout):
 def test_a_map_that_was_begun_anew_is_told(number, told):
     nothing = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0}
     found = describe_losses(types.SimpleNamespace(
-        counts=nothing | {'num_map_restarts': number},
+        counts=nothing | {'num_map_restarts': number}, earlier=(),
         result=types.SimpleNamespace(hazards=(), stages=()),
     ))
     assert told in found
     assert bool(found) == bool(number)
+
+
+def test_what_was_found_before_the_map_began_anew_is_kept(tmp_path, pipeline, capfd):
+    bag, out = write_bag(tmp_path / 'bag', num_scans=70, away=20), tmp_path / 'out'
+    for options in ((), ('--force',)):
+        assert run(bag, '-o', out, '--set', 'segment.min_points=100', *options) == 0
+    told = capfd.readouterr().out
+    assert 'begun anew 1 times: what was flown before is in before_1, in the results' in told
+    before = out / 'before_1'
+    assert sorted(item.name for item in out.iterdir()) == sorted([*FILES, 'before_1'])
+    assert sorted(item.name for item in before.iterdir()) == sorted(FILES)
+    cloud = laspy.read(before / 'points.laz').xyz
+    assert cloud[:, 0].max() < 30.0
+    assert laspy.read(out / 'points.laz').xyz[:, 0].min() > 500_000.0
+    content = json.loads((before / 'run.json').read_text(encoding='utf-8'))
+    assert 'cannot be brought together' in content['input']['counts']['ended']
+    (before / 'mine.txt').touch()
+    assert run(bag, '-o', out, '--force', '--set', 'segment.min_points=100') == 2
+    assert 'such as before_1/mine.txt' in capfd.readouterr().err
+
+
+def test_a_short_map_that_ended_is_left_out(tmp_path, pipeline, capfd):
+    bag = write_bag(tmp_path / 'bag', num_scans=70, away=20)
+    assert run(bag, '-o', tmp_path / 'out', '--set', 'segment.min_points=250') == 0
+    assert 'what was flown before is not in the results' in capfd.readouterr().out
+    assert not (tmp_path / 'out/before_1').exists()
 
 
 @pytest.mark.parametrize(('known', 'num_hazards', 'told'), [
