@@ -27,6 +27,7 @@ from common.tables import render_table, replace_section
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
 from plc_inspect.core.setup.sharpness import HELD, Sharpness, SharpnessBook
 from plc_inspect.errors import DataError
 from plc_inspect.setting_names import update
@@ -44,7 +45,7 @@ PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'ingest.md'
 COLUMNS = 'flight', 'error', 'sharpness', '', 'said', 'apart [m]', 'found'
 DOUBTS = {
     'lidar turned': 'mount', 'aside': 'drift aside', 'heading of the': 'heading',
-    'positions of the': 'positions',
+    'positions of the': 'positions', 'map is tilted': 'tilted',
 }
 """Words of a doubt about odometry or mount, and how the table calls it."""
 SCENES = ('low_voltage', 'street', 'bundles', 'crossing', 'valley', 'angle')
@@ -77,20 +78,24 @@ def build(
 def say(found: Sharpness, accumulator: Accumulator) -> str:
     """Return in a few words what is said of the set-up."""
     words = [name for word, name in DOUBTS.items() if word in found.doubt]
+    words += ['leans'] if found.remark else []
     blurred = found.known and found.blur > HELD
     clock = ['clock'] if accumulator.timing.describe() else []
     return ', '.join(words + clock + (['not sharp'] if blurred else []))
 
 
-def describe(accumulator: Accumulator, found: Sharpness) -> str:
-    """Return what the pipeline finds in a map."""
+def describe(accumulator: Accumulator, found: Sharpness) -> tuple[str, Sharpness]:
+    """Return what the pipeline finds in a map, and how good that is whose poles may lean."""
     if found.hopeless:
-        return 'not looked for'
-    result = Pipeline().run(accumulator.map.centroids())
+        return 'not looked for', found
+    points, plumb = accumulator.map.centroids(), PlumbBook()
+    result = Pipeline().run(points)
+    plumb.add(measure_leans(points, result))
     hazards = ', '.join(
         f'{item.kind.name.lower()} {item.clearance:.2f}' for item in result.hazards[:6]
     )
-    return f'{result.num_lines} lines, {len(result.hazards)} hazards ({hazards})'
+    text = f'{result.num_lines} lines, {len(result.hazards)} hazards ({hazards})'
+    return text, plumb.judge(found)
 
 
 def read_scene(name: str, seed: int, cache: Path) -> Flight:
@@ -111,7 +116,7 @@ def study(name: str, flight: Flight, results: bool) -> tuple[list[list[str]], in
     wrong += right.poor
 
     def add(error: str, accumulator: Accumulator, found: Sharpness, *, falls: bool = True) -> None:
-        text = describe(accumulator, found) if results else ''
+        text, found = describe(accumulator, found) if results else ('', found)
         figure = f'{found.figure:.3f}' if found.known else 'unknown'
         rows.append([name, error, figure, 'held back' if found.poor else '',
                      say(found, accumulator), f'{found.distance:.3f}',

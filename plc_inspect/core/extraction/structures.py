@@ -192,10 +192,10 @@ def measure_from_lowest(
     base : float
         What heights are measured from [m]; NaN where nothing was seen.
     height : (N,) float32
-        Of the points about the place, NaN elsewhere [m].
+        Of the points that are looked at about the place, NaN elsewhere [m].
 
     """
-    found = index.strip(near, near, reach + RING * COLUMN)
+    found = index.strip(near, near, reach + WALL_REACH)
     own = found[~wire[found] & (np.hypot(*(points[found, :2] - near).T) <= reach)]
     height = np.full(len(points), np.nan, dtype=np.float32)
     base = float(points[own, 2].min()) - LEAST_HEIGHT if len(own) else math.nan
