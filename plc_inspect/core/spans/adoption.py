@@ -42,8 +42,6 @@ LEAST_BAYS = 2
 Even intervals between poles that bear a pipe, at least.
 Source: derived: one more that agrees with one; lines have no three poles so close.
 """
-
-
 SURE_BAYS = 4
 """
 As many that bear a pipe which seems to sag, as drift makes it do.
