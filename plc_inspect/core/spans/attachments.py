@@ -4,8 +4,7 @@
 """Attachments: where the conductors of a support hang, from all of them together."""
 
 from collections.abc import Sequence
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from numba import njit
@@ -103,7 +102,6 @@ def measure_gap(ends: Sequence[SpanEnd], finals: Sequence[CutCurve]) -> float:
     return float(spacing) / len(ends)
 
 
-
 def settle_ends(
     layout: Layout, finals: Sequence[CutCurve]
 ) -> tuple[Layout, list[CutCurve], Float64]:
@@ -161,12 +159,12 @@ def settle_ends(
             to_station = (station.position - finals[curve].curve.origin) @ unit
             ends[curve, side] = (to_station + value) / rate
             sigma[curve, side] = deviation / abs(rate)
-        moved.append(dataclasses.replace(station, position=station.position + mean * unit))
+        moved.append(replace(station, position=station.position + mean * unit))
     settled_finals = [
         CutCurve(curve=cut.curve, low=low, high=high)
         for cut, (low, high) in zip(finals, ends.tolist(), strict=True)
     ]
-    return dataclasses.replace(layout, stations=tuple(moved)), settled_finals, sigma
+    return replace(layout, stations=tuple(moved)), settled_finals, sigma
 
 
 def _cross(rows: Float64, finals: Sequence[CutCurve], joint: Joint) -> tuple[Float64, float]:
