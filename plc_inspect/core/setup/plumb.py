@@ -33,7 +33,7 @@ FOOT, TOP = 1.0, 0.8
 Parts of a pole above the ground and below its highest point that are not looked at [m].
 Source: derived: herbs; and crossarms, which stand out to one side.
 """
-LONGEST = 4.0
+SHORTEST = 4.0
 """Shafts shorter than this tell nothing [m].  Source: derived: 0.05 m across is 0.7 degrees."""
 STEP, FILLED = 0.5, 0.9
 """
@@ -69,8 +69,6 @@ Source: measured: poles of six real clouds lean by that off the median of their 
 """
 LEAST_POLES, LEAST_CONDUCTORS = 2, 3
 """How many are asked.  Source: judgement: one pole may lean by any angle; those of one span."""
-CHECK = 'check mount (input.lidar_rpy_deg, /tf_static), and that z of the odometry is up'
-HELD_BACK = 'hazards are held back'
 SURELY = 2.0
 """So many standard errors of the median are taken off.  Source: derived: 98 %."""
 LEANING, AGREED = float(np.tan(np.radians(1.0))), 0.5
@@ -94,6 +92,11 @@ Source: measured: 8510 to 8530: with a right mount a drift bends conductors of 9
 one side, of 257 m by 0.29 m; as bend and sag grow alike with the span, the lean is 3e-5 times the
 constant.
 """
+
+CHECK = 'check mount (input.lidar_rpy_deg, /tf_static), and that z of the odometry is up'
+"""What to do about a map that may be tilted."""
+HELD_BACK = 'hazards are held back'
+"""What is done about one that is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,9 +134,14 @@ class Lean:
         return float(np.hypot(*self.shift))
 
     @property
+    def surely(self) -> float:
+        """How much poles lean at least [m/m]."""
+        return self.size - SURELY * self.error
+
+    @property
     def leaning(self) -> bool:
         """Whether poles surely lean."""
-        return self.size - SURELY * self.error > LEANING
+        return self.surely > LEANING
 
     @property
     def swinging(self) -> bool:
@@ -148,7 +156,7 @@ class Lean:
             return False
         alike = abs(self.swing - self.size) < AGREED * self.size
         alike &= self.num_conductors >= LEAST_CONDUCTORS
-        return self.leaning and (alike or self.size - SURELY * self.error > ASKEW)
+        return self.leaning and (alike or self.surely > ASKEW)
 
     def describe(self) -> str:
         """Return what leans, and what it may mean, '' nothing."""
@@ -279,7 +287,7 @@ def _fit_shaft(points: Float64, pole: Support) -> Float64 | None:
         axis = np.linalg.lstsq(terms[kept], points[kept], rcond=None)[0]
     steps = np.floor(height[kept] / STEP).astype(np.int64)
     length = np.ptp(steps) + 1
-    if length * STEP < LONGEST or len(np.unique(steps)) < FILLED * length:
+    if length * STEP < SHORTEST or len(np.unique(steps)) < FILLED * length:
         return None
     shift: Float64 = axis[1]
     return shift
