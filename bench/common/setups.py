@@ -77,6 +77,8 @@ class Layout:
     """Every so many poses are recorded."""
     deskewed: bool = False
     """Scans are in the frame of the odometry."""
+    world: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Roll, pitch and yaw of the world in the frame of the odometry [degrees]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,10 +127,19 @@ def remount(flight: Flight, layout: Layout) -> Flight:
     ])
 
 
+def turn_world(flight: Flight, layout: Layout) -> Flight:
+    """Return the flight with poses in a frame that stands otherwise."""
+    turn = Rotation.from_euler('xyz', layout.world, degrees=True)
+    return replace(
+        flight, position=turn.apply(flight.position),
+        quaternion=(turn * Rotation.from_quat(flight.quaternion)).as_quat(),
+    )
+
+
 def write_bag(folder: Path, flight: Flight, layout: Layout) -> Path:
     """Write the flight as a vehicle of some layout records it, and return the folder."""
     maker = MessageMaker()
-    flight = remount(flight, layout)
+    flight = turn_world(remount(flight, layout), layout)
     messages: list[tuple[int, str, str, Any]] = []
     for scan in flight.scans:
         messages.append((scan.log_ns, layout.scan_topic, SCAN, _make_scan(
@@ -228,10 +239,10 @@ MAVROS = {'map_frame': 'map', 'base_frame': 'base_link'}
 TOPICS = {'scan': 'input.scan_topic', 'pose': 'input.odometry_topic'}
 
 
-def _named(name: str, scan: str, pose: str, **layout: Any) -> Setup:
+def _named(name: str, scan: str, pose: str, cause: str = '', **layout: Any) -> Setup:
     """Return a vehicle whose topics are called otherwise, and set so."""
     return Setup(
-        name=name, layout=Layout(scan_topic=scan, pose_topic=pose, **layout),
+        name=name, cause=cause, layout=Layout(scan_topic=scan, pose_topic=pose, **layout),
         settings={TOPICS['scan']: scan, TOPICS['pose']: pose},
     )
 
@@ -250,6 +261,8 @@ def _mounted(name: str, turn: tuple[float, ...]) -> list[Setup]:
 
 NOT_SHARP = 'check mount'
 """In what is said where the map is not sharp, and where planes tell the mount."""
+ON_ITS_HEAD = 'the ground lies above the vehicle'
+"""In what is said where z of the map points down."""
 
 SETUPS = [
     Setup(name='as recorded'),
@@ -297,6 +310,15 @@ SETUPS = [
     *_mounted('upside down', (180.0, 0.0, 0.0)),
     *_mounted('on its side', (90.0, 0.0, 0.0)),
     *_mounted('looking down', (0.0, 90.0, 0.0)),
+    Setup(name='upside down, not told', layout=Layout(
+        mount=((0.1, 0.0, -0.2), (180.0, 0.0, 0.0)),
+    ), cause=ON_ITS_HEAD),
+    Setup(name='z of the odometry down', layout=Layout(world=(180.0, 0.0, 0.0)),
+          cause=ON_ITS_HEAD),
+    Setup(name='north, east, down', layout=Layout(world=(180.0, 0.0, 90.0)), cause=ON_ITS_HEAD),
+    _named('FAST-LIO, begun upside down', '/cloud_registered', '/Odometry',
+           map_frame='camera_init', base_frame='body', deskewed=True,
+           world=(180.0, 0.0, 0.0), cause=ON_ITS_HEAD),
     Setup(name='tilted by 30 degrees, not told', layout=Layout(mount=TILT), cause=NOT_SHARP),
     Setup(name='tilted, /tf_static of other frames', layout=Layout(
         mount=TILT, fixed=(('imu', 'camera', *TILT),),

@@ -117,3 +117,16 @@ def move(begin: float, step: float, rate: float, way: np.ndarray) -> Fault:
         yield event
 
     return run
+
+
+def turn_world(*angles: float) -> Fault:
+    """Return a fault: the odometry is told in a frame that stands otherwise [degrees]."""
+    turn = Rotation.from_euler('xyz', angles, degrees=True)
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Pose):
+            rotation = (turn * Rotation.from_quat(event.quaternion)).as_quat()
+            event = event._replace(position=turn.apply(event.position), quaternion=rotation)
+        yield event
+
+    return run

@@ -138,6 +138,7 @@ KINDS = {
     'step': 'odometry stepped', 'stood': 'stood still', 'unsharp': 'map is not sharp',
     'repeated': 'are interpolated', 'coarse': 'single precision', 'otherwise': 'otherwise than',
     'lost': 'does not fit', 'dust': 'dusty air', 'plumb': 'is tilted',
+    'overhead': 'the ground lies above',
 }
 """What may be said, and words by which it is told."""
 
@@ -187,10 +188,11 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
     points = accumulator.map.centroids()
     result = Pipeline(Settings(), way=way.places[:, 1:]).run(points)
     plumb = PlumbBook()
+    plumb.look(points, way.places[:, 1:])
     plumb.add(measure_leans(points, result))
     sharpness = plumb.judge(book.judge())
     if sharpness.doubt or sharpness.remark:
-        said['plumb'] = event.time
+        said['overhead' if sharpness.useless else 'plumb'] = event.time
     if describe_air(result.stages):
         said['dust'] = event.time
     poor = sharpness.poor or bool(accumulator.doubt)

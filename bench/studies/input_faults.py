@@ -31,6 +31,7 @@ from flights.event_faults import (
     shift_clock,
     stretch,
     turn_heading,
+    turn_world,
 )
 from flights.faulty_flights import (
     compare,
@@ -46,6 +47,7 @@ LEAST_FOUND = 0.9
 CLOCK = 'clock', 'unsharp'
 SCALE = 'scale', 'drift', 'otherwise', 'aside', 'unsharp'
 HEADING = 'heading', 'mount', 'aside', 'drift', 'unsharp'
+DOWN = 'overhead', 'plumb', 'drift', 'lost'
 MOUNT = 'mount', 'plumb', 'aside', 'heading', 'drift', 'unsharp'
 """What may be said of these; the first should be."""
 
@@ -77,6 +79,8 @@ def make_kinds(seed: int) -> dict[str, Kind]:
         **{f'mount {axis} {angle:g} degrees': (
             mount_otherwise(tuple(angle * np.eye(3)[number])), MOUNT,
         ) for number, axis in enumerate(('roll', 'pitch', 'yaw')) for angle in (2.0, -5.0)},
+        'z down': (turn_world(180.0, 0.0, 0.0), DOWN),
+        'upside down': (mount_otherwise((180.0, 0.0, 0.0)), (*DOWN, *MOUNT)),
         **{f'dust {100 * share:g} %': (raise_dust(share), ('dust',))
            for share in (0.001, 0.003, 0.01, 0.1)},
         'positions at 10 Hz': (hold(0.1), ('repeated',)),

@@ -12,7 +12,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from plc_inspect.config import Settings
-from plc_inspect.core.setup.sharpness import SharpnessBook
+from plc_inspect.core.mapping.flown_way import FlownWay
+from plc_inspect.core.setup.plumb import PlumbBook
+from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.bag_map import accumulate, check_used
 from plc_inspect.offline.readers.bags import Recording
@@ -23,7 +25,10 @@ setups = importlib.import_module('common.setups')
 sys.path.pop(0)
 BLURRED = [item for item in setups.SETUPS if item.cause == setups.NOT_SHARP]
 WHOLE = [item for item in setups.SETUPS if not item.cause]
-REFUSED = [item for item in setups.SETUPS if item.cause and item not in BLURRED]
+ON_ITS_HEAD = [item for item in setups.SETUPS if item.cause == setups.ON_ITS_HEAD]
+REFUSED = [
+    item for item in setups.SETUPS if item.cause and item not in [*BLURRED, *ON_ITS_HEAD]
+]
 
 
 @pytest.fixture(scope='session')
@@ -89,3 +94,18 @@ def test_a_mount_that_nobody_told_is_not_sharp(setup, longer_flight, tmp_path):
     found = book.judge()
     assert found.poor == bool(setup.cause)
     assert setup.cause in found.describe()
+
+
+@pytest.mark.parametrize('setup', [*ON_ITS_HEAD, *WHOLE[-2:]], ids=lambda item: item.name)
+def test_a_map_on_its_head_is_told_by_its_ground(setup, longer_flight, tmp_path):
+    book, way = PlumbBook(), FlownWay()
+    bag = setups.write_bag(tmp_path / 'bag', longer_flight, setup.layout)
+    settings = update(Settings(), dict(setup.settings))
+    topics = settings.input.scan_topic, settings.input.odometry_topic
+    with Recording(bag, *topics, settings.input) as recording:
+        found = accumulate(recording, settings, way=way)
+    book.look(found.map.centroids(), way.places[:, 1:])
+    assert book.leans.sides.known
+    judged = book.judge(Sharpness(num_cells=100, blur=0.4))
+    assert judged.hopeless == judged.poor == bool(setup.cause)
+    assert setup.cause in judged.describe()

@@ -19,6 +19,7 @@ import pytest
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
+from plc_inspect.core.setup.ground_side import GroundSides
 from plc_inspect.core.setup.looks import Spread
 from plc_inspect.core.setup.plumb import Leans, NO_LEANS
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
@@ -162,7 +163,10 @@ def test_sharpness_comes_back_with_what_was_added_and_what_was_dropped(tmp_path,
 
 def test_leans_come_back(tmp_path, knows):
     assert len(knows.leans.poles)
-    leans = Leans(poles=np.full((2, 4), 0.1), conductors=np.full((1, 6), 1.0 / 3.0))
+    leans = Leans(
+        poles=np.full((2, 4), 0.1), conductors=np.full((1, 6), 1.0 / 3.0),
+        sides=GroundSides(below=0.01, above=0.4),
+    )
     source = Source(tmp_path / 'it.record')
     changed = replace(knows, leans=leans)
     for kept in (replace(knows, leans=NO_LEANS), knows, changed, changed):

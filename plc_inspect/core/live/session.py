@@ -202,7 +202,7 @@ class Session:
 
         """
         started = time.perf_counter()
-        if self.measure(looks).hopeless:
+        if self.measure(window.points, looks).hopeless:
             return self._wait(window, started)
         self._frame = self._frame or find_cloud_frame(window.points)
         result, labels = _run(window.points, self._frame, settings, rules, self.way)
@@ -232,9 +232,10 @@ class Session:
             labels=labels,
         )
 
-    def measure(self, looks: Sequence[LookWindow]) -> Sharpness:
-        """Take new points that tell how sharp the map is; return how sharp it is."""
+    def measure(self, points: Float64, looks: Sequence[LookWindow]) -> Sharpness:
+        """Take points (N, 3) and looks that tell how good the map is; return how good it is."""
         self._book.add(looks)
+        self._plumb.look(points, self.way)
         return self._judge()
 
     def _judge(self) -> Sharpness:
@@ -280,7 +281,7 @@ class Session:
 
         """
         started = time.perf_counter()
-        self._book.add(looks)
+        self.measure(points, looks)
         result, labels = _run(
             points, find_cloud_frame(points), settings, rules, self.way
         )

@@ -7,14 +7,15 @@ Whether the map stands upright: poles stand, and conductors hang, along the vert
 A lidar that is mounted askew, or an odometry whose z is not up, tilts the whole map; from a
 vehicle that never turns, everything is seen askew alike, and the map is as sharp as a right one.
 Poles of real lines lean as well, and wind swings conductors, so either alone tells little, unless
-they lean much.
+they lean much.  A map that stands on its head is told by where the ground lies.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
 
+from plc_inspect.core.setup.ground_side import GroundSides, measure_sides, OVERHEAD
 from plc_inspect.core.setup.sharpness import Sharpness
 from plc_inspect.results import Float64, InspectionResult, PointClass, Span, Support
 
@@ -107,6 +108,8 @@ class Leans:
     """(P, 4) place in plan [m], and shift in plan a metre of height [m/m]."""
     conductors: Float64
     """(C, 6) place in plan [m], unit vector across, shift that way [m/m], constant [m]."""
+    sides: GroundSides = field(default_factory=GroundSides)
+    """On which side of the vehicle the ground lies."""
 
 
 NO_LEANS = Leans(poles=np.zeros((0, 4)), conductors=np.zeros((0, 6)))
@@ -185,20 +188,42 @@ def _to_degrees(shift: float) -> float:
 
 
 class PlumbBook:
-    """Leans of all poles and conductors, the newest of each."""
+    """Leans of all poles and conductors, the newest of each, and where the ground lies."""
 
     def __init__(self) -> None:
         self.leans = NO_LEANS
 
+    def look(self, points: Float64, way: Float64 | None) -> None:
+        """
+        Look where the ground lies, until it is known to lie below.
+
+        Parameters
+        ----------
+        points : Float64
+            (N, 3) a part of the map [m].
+        way : Float64 or None
+            (W, 3) where the vehicle was in it [m].
+
+        """
+        before = self.leans.sides
+        if way is None or (before.known and not before.overhead):
+            return
+        sides = measure_sides(points, way)
+        if sides.known or not before.known:
+            self.leans = replace(self.leans, sides=sides)
+
     def add(self, leans: Leans) -> None:
         """Add what was measured in a part of the map."""
-        self.leans = Leans(
+        self.leans = replace(
+            self.leans,
             poles=_replace(self.leans.poles, leans.poles),
             conductors=_replace(self.leans.conductors, leans.conductors),
         )
 
     def judge(self, sharpness: Sharpness) -> Sharpness:
         """Return how good a map is that is as sharp as given."""
+        if self.leans.sides.overhead:
+            return replace(sharpness, doubt=OVERHEAD, useless=True)
         lean = find_lean(self.leans)
         text = lean.describe()
         if lean.tilted:

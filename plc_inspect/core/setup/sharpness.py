@@ -64,6 +64,8 @@ class Sharpness:
     """Cells that were compared."""
     doubt: str = ''
     """What else is wrong with the map, '' if nothing is known of."""
+    useless: bool = False
+    """Whether lines cannot be found in it."""
     remark: str = ''
     """What else may be wrong with it, which holds nothing back."""
 
@@ -80,7 +82,7 @@ class Sharpness:
     @property
     def hopeless(self) -> bool:
         """Whether lines are not looked for either."""
-        return self.known and self.blur > HOPELESS
+        return self.useless or (self.known and self.blur > HOPELESS)
 
     @property
     def figure(self) -> float:

@@ -66,7 +66,7 @@ def replay(
     ------
     DataError
         The recording cannot be read, lacks a topic, no scan of it can be used, or the map is so
-        far from sharp that nothing can be found in it.
+        far from sharp that nothing can be found in it, or on its head.
 
     Notes
     -----
@@ -104,12 +104,12 @@ def replay(
         counts['mount_doubt'] = accumulator.placer.mount.doubt
         counts['parts'] = [part.record() for part in accumulator.follower.parts]
         move = accumulator.follower.move.inverse()
-    if doubt := accumulator.doubt:
+    points, flown = list_centroids(accumulator, settings), way.places
+    sharpness = _judge_ground(points, flown, book.judge())
+    if doubt := accumulator.doubt if not sharpness.useless else '':
         raise DataError(f'{path}: {doubt}')
-    sharpness = book.judge()
     if sharpness.hopeless:
         raise DataError(f'{path}: {sharpness.describe()}')
-    points, flown = list_centroids(accumulator, settings), way.places
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
     result, judged = _inspect(points, flown, sharpness, settings, rules, tell)
@@ -127,7 +127,8 @@ def replay(
     flown[:, 1:] = move.apply(flown[:, 1:])
     earlier = []
     for part in ended:
-        if len(part.points) < settings.segment.min_points or part.sharpness.hopeless:
+        sharp = _judge_ground(part.points, part.way, part.sharpness)
+        if len(part.points) < settings.segment.min_points or sharp.hopeless:
             continue
         result, judged = _inspect(
             part.points, part.way, part.sharpness, settings, rules, lambda step, share: None
@@ -138,6 +139,15 @@ def replay(
         ))
     seconds['pipeline'] = time.perf_counter() - started
     return dataclasses.replace(known, way=flown, earlier=tuple(earlier), seconds=seconds)
+
+
+def _judge_ground(points: 'Float64', way: 'Float64', sharpness: 'Sharpness') -> 'Sharpness':
+    """Return how good a map is, by where the ground lies, too."""
+    from plc_inspect.core.setup.plumb import PlumbBook
+
+    plumb = PlumbBook()
+    plumb.look(points, way[:, 1:])
+    return plumb.judge(sharpness)
 
 
 def _inspect(

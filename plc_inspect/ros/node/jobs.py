@@ -132,7 +132,8 @@ def take_snapshot(intake: Intake, window: Window, flight: Flight) -> Snapshot:
 def run_save(session: Session, snapshot: Snapshot) -> Done:
     """Run the pipeline over the whole map and write the results folder, or say why not."""
     numba.set_num_threads(ALL_THREADS)
-    sharpness = session.measure(snapshot.looks)
+    session.way = snapshot.flight.places
+    sharpness = session.measure(snapshot.window.points, snapshot.looks)
     if sharpness.hopeless:
         raise DataError(sharpness.describe())
     state, inspection, labels = conclude(session, replace(snapshot, looks=()))
