@@ -186,15 +186,22 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
     accumulator.finish()
     track += [accumulator.follower.move.apply(item) for item in waiting]
     points = accumulator.map.centroids()
-    result = Pipeline(Settings(), way=way.places[:, 1:]).run(points)
     plumb = PlumbBook()
     plumb.look(points, way.places[:, 1:])
-    plumb.add(measure_leans(points, result))
     sharpness = plumb.judge(book.judge())
-    if sharpness.doubt or sharpness.remark:
-        said['overhead' if sharpness.useless else 'plumb'] = event.time
-    if describe_air(result.stages):
-        said['dust'] = event.time
+    spans: Sequence[Any] = ()
+    hazards: Sequence[Any] = ()
+    if sharpness.useless:
+        said['overhead'] = event.time
+    else:
+        result = Pipeline(Settings(), way=way.places[:, 1:]).run(points)
+        spans, hazards = result.spans, result.hazards
+        plumb.add(measure_leans(points, result))
+        sharpness = plumb.judge(book.judge())
+        if sharpness.doubt or sharpness.remark:
+            said['plumb'] = event.time
+        if describe_air(result.stages):
+            said['dust'] = event.time
     poor = sharpness.poor or bool(accumulator.doubt)
     times = np.array(at)
     true = flight.truth.interpolate(times)[0]
@@ -204,7 +211,7 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
     first = times >= begin if begin else times < flight.truth.duration / 2.0
     mapped = times >= begin
     return Found(
-        spans=result.spans, hazards=() if poor else result.hazards, poor=poor,
+        spans=spans, hazards=() if poor else hazards, poor=poor,
         doubled=measure_doubling(times[mapped], true[mapped], off[mapped]),
         restarts=accumulator.entry.num_restarts, told=[part.describe() for part in parts],
         said=said, offset=accumulator.timing.offset, true=true[first], off=off[first],
