@@ -193,7 +193,7 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
     hazards: Sequence[Any] = ()
     if sharpness.useless:
         said['overhead'] = event.time
-    else:
+    if not sharpness.hopeless:
         result = Pipeline(Settings(), way=way.places[:, 1:]).run(points)
         spans, hazards = result.spans, result.hazards
         plumb.add(measure_leans(points, result))
