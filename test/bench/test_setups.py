@@ -16,6 +16,7 @@ from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.setup.plumb import PlumbBook
 from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.errors import DataError
+from plc_inspect.offline.commands.replay import replay
 from plc_inspect.offline.readers.bag_map import accumulate, check_used
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.setting_names import update
@@ -109,3 +110,10 @@ def test_a_map_on_its_head_is_told_by_its_ground(setup, longer_flight, tmp_path)
     judged = book.judge(Sharpness(num_cells=100, blur=0.4))
     assert judged.hopeless == judged.poor == bool(setup.cause)
     assert setup.cause in judged.describe()
+
+
+@pytest.mark.parametrize('setup', ON_ITS_HEAD, ids=lambda item: item.name)
+def test_a_map_on_its_head_is_refused_for_that_and_nothing_else(setup, longer_flight, tmp_path):
+    bag = setups.write_bag(tmp_path / 'bag', longer_flight, setup.layout)
+    with pytest.raises(DataError, match=setup.cause):
+        replay(bag, update(Settings(), dict(setup.settings)))

@@ -106,8 +106,8 @@ def replay(
         move = accumulator.follower.move.inverse()
     points, flown = list_centroids(accumulator, settings), way.places
     sharpness = _judge_ground(points, flown, book.judge())
-    if doubt := accumulator.doubt if not sharpness.useless else '':
-        raise DataError(f'{path}: {doubt}')
+    if accumulator.doubt and not sharpness.useless:
+        raise DataError(f'{path}: {accumulator.doubt}')
     if sharpness.hopeless:
         raise DataError(f'{path}: {sharpness.describe()}')
     seconds = {'read': time.perf_counter() - started}
