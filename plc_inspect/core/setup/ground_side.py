@@ -35,6 +35,11 @@ Source: judgement: they are 2 m apart, and a vehicle that has not flown may stan
 """
 MOST_PLACES = 64
 """Places of the way that are looked at.  Source: judgement: 64 discs of RADIUS, 29,000 cells."""
+LEAST_POINTS = 1000
+"""
+Points about the way from which sheets are looked for.
+Source: judgement: a thirtieth of one scan of a Puck; few far apart may fill anything.
+"""
 LEAST_FILLED = 8
 """
 Cells of a block of 3 by 3 that are filled where it is of a sheet.
@@ -98,6 +103,8 @@ def measure_sides(points: Float64, way: Float64) -> GroundSides:
     way = way[np.linspace(0, len(way) - 1, min(len(way), MOST_PLACES)).astype(np.int64)]
     origin = low - 2.0 * RADIUS
     points = points[_are_near(points, way, origin, high)]
+    if len(points) < LEAST_POINTS:
+        return GroundSides()
     width = int((high[1] - origin[1] + 2.0 * RADIUS) / CELL)
     own = _to_cells(way, origin, CELL) @ (width, 1)
     keys, of_place = np.unique(own[:, None] + _make_disc() @ (width, 1), return_inverse=True)

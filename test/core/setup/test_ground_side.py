@@ -65,8 +65,11 @@ def test_without_a_way_nothing_is_known(way):
     assert not measure_sides(fill(40.0, 0.0), way).known
 
 
-def test_no_points_tell_nothing():
-    assert not measure_sides(np.zeros((0, 3)), make_way()).known
+@pytest.mark.parametrize('number', [0, 900])
+def test_few_points_tell_nothing(number):
+    x, y = (part.ravel() for part in np.mgrid[0.0:60.0:1.0, -7.0:8.0:1.0])
+    points = np.column_stack([x, y, np.full(len(x), 2.0 + HEIGHT)])[:number] + 0.5
+    assert not measure_sides(points, make_way()).known
 
 
 def test_long_ways_are_looked_at_in_places():
