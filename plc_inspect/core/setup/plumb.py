@@ -93,7 +93,6 @@ Source: measured: 8510 to 8530: with a right mount a drift bends conductors of 9
 one side, of 257 m by 0.29 m; as bend and sag grow alike with the span, the lean is 3e-5 times the
 constant.
 """
-
 CHECK = 'check mount (input.lidar_rpy_deg, /tf_static), and that z of the odometry is up'
 """What to do about a map that may be tilted."""
 HELD_BACK = 'hazards are held back'
