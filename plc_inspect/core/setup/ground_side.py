@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plc_inspect.results import Bool, Float64
+from plc_inspect.results import Bool, Float64, Int64
 
 RADIUS = 12.0
 """
 Plan distance from the way that is looked at [m].
-Source: measured: bench/flights/drawn_flights.py, ten of 8510 to 8604: less is filled within 8 m,
+Source: measured: bench/flights/drawn_flights.py, eight of 8510 to 8604: less is filled within 8 m,
 which a lidar that looks level does not see; within 20 m the sides of valleys rise.
 """
 CELL = 1.0
@@ -120,15 +120,17 @@ def measure_sides(points: Float64, way: Float64) -> GroundSides:
     )
 
 
-def _to_cells(points: Float64, origin: Float64, cell: float) -> np.ndarray:
+def _to_cells(points: Float64, origin: Float64, cell: float) -> Int64:
+    """Return the cells (N, 2) of points (N, 2+), of an edge [m]."""
     return np.floor((points[:, :2] - origin) / cell).astype(np.int64)
 
 
-def _make_disc() -> np.ndarray:
-    """Return the cells within RADIUS of one."""
+def _make_disc() -> Int64:
+    """Return the steps (D, 2) from a cell to those within RADIUS of it."""
     reach = np.arange(-int(RADIUS / CELL), int(RADIUS / CELL) + 1)
     grid = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
-    return grid[np.hypot(*grid.T) * CELL <= RADIUS]
+    disc: Int64 = grid[np.hypot(*grid.T) * CELL <= RADIUS]
+    return disc
 
 
 def _are_near(points: Float64, way: Float64, origin: Float64, high: Float64) -> Bool:
@@ -140,13 +142,13 @@ def _are_near(points: Float64, way: Float64, origin: Float64, high: Float64) -> 
     return near
 
 
-def _look_up(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, Bool]:
+def _look_up(keys: Int64, wanted: Int64) -> tuple[Int64, Bool]:
     """Return the places of some keys among those that ascend, and whether they are there."""
     place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
     return place, keys[place] == wanted
 
 
-def _measure_sheets(keys: np.ndarray, cells: np.ndarray, width: int) -> float:
+def _measure_sheets(keys: Int64, cells: Int64, width: int) -> float:
     """Return the share of cells that are filled like those about them."""
     filled = np.zeros(len(keys), dtype=bool)
     filled[cells] = True
