@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from plc_inspect.core.alignment.cell_comparison import LEAST_LOOKS, OPEN_NS
 from plc_inspect.core.alignment.drift_filter import DriftFilter
-from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
+from plc_inspect.core.alignment.normal_cells import NormalCells
 from plc_inspect.core.alignment.parts import BY_RATE, gather_points, Part, Seen
 from plc_inspect.core.alignment.pending_break import PendingBreak, SAME
 from plc_inspect.core.alignment.pose_watch import Break, Oddity, PoseWatch
@@ -286,9 +287,7 @@ class Follower:
             if not part.aligned:
                 yield part
 
-    def _learn(
-        self, batch: list[Seen], place: Float64
-    ) -> Generator[None, None, Part | None]:
+    def _learn(self, batch: list[Seen], place: Float64) -> Generator[None, None, Part | None]:
         """Compare a batch, which ended with the vehicle at a place, and add it; in pieces."""
         points = gather_points(batch, REACH)
         stamp = batch[len(batch) // 2].stamp_ns
@@ -299,7 +298,7 @@ class Follower:
         way = tracked.predict(stamp, place)
         known = sample_points(points), tracked.move, tracked.covariance, stamp
         yield None
-        fit = fit_points(self._cells, *known)
+        fit = fit_points(self._cells, *known, held=None if self._following else self._held)
         yield None
         free = fit_heading(self._cells, *known)
         if free.matched >= LEAST_FEW and free.share >= LEAST_SHARE:
@@ -315,7 +314,8 @@ class Follower:
         part = part or self._mend(tracked, way, place, stamp)
         if self._strays >= LOST_AFTER:
             part = self._give_up('the odometry drifts, and what is seen does not fit', stamp)
-        self._cells.add(self._move_at(stamp).apply(points), stamp)
+        now = self._move_at(stamp)
+        self._cells.add(now.apply(points), stamp, now.apply(place))
         return part
 
     def _judge(self, fit: Fit, stamp: int) -> Part | None:

@@ -9,7 +9,8 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.alignment.normal_cells import CELL, compare_cells, NOISE, NormalCells
+from plc_inspect.core.alignment.cell_comparison import CELL, compare_cells
+from plc_inspect.core.alignment.normal_cells import NOISE, NormalCells
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.numerics.cell_sums import pack_cells
 from plc_inspect.results import Float64, Int64
@@ -22,6 +23,11 @@ SHARED = 6.0
 """
 Points that count as one independent measurement, as the errors within a cell are correlated.
 Source: judgement; the sampling takes up to three a cell.
+"""
+BASIN = 0.25
+"""
+Predicted drift from which points are also compared as without any [m].
+Source: derived: a quarter of a cell; from farther a search may end on other things.
 """
 SAMPLES = 3
 """Most points of a batch taken from one cell.  Source: judgement."""
@@ -68,7 +74,7 @@ class Fit:
 
 def fit_points(
     cells: NormalCells, points: Float64, start: RigidMove, before: Float64, stamp_ns: int,
-    *, coarse: bool = False,
+    *, coarse: bool = False, held: RigidMove | None = None,
 ) -> Fit:
     """
     Return the most likely move of points, given the prior and the cells.
@@ -87,15 +93,33 @@ def fit_points(
         Of the points [ns].
     coarse : bool
         Search neighbouring cells first.
+    held : RigidMove or None
+        A move from which the search begins as well, if the prior lies far from it; what fits more
+        points is returned.
 
     Returns
     -------
     Fit
 
     """
-    known = np.linalg.inv(before)
     points = np.ascontiguousarray(points)
-    prior, off = np.append(start.shift, start.yaw), np.zeros(4)
+    prior = np.append(start.shift, start.yaw)
+    best = _fit_from(np.zeros(4), cells, points, start, before, stamp_ns, coarse)
+    if held is not None:
+        near = held.about(start.centre)
+        off = np.append(near.shift, near.yaw) - prior
+        if np.linalg.norm(off[:3]) > BASIN:
+            other = _fit_from(off, cells, points, start, before, stamp_ns, coarse)
+            best = other if other.fitting > best.fitting else best
+    return best
+
+
+def _fit_from(
+    off: Float64, cells: NormalCells, points: Float64, start: RigidMove, before: Float64,
+    stamp_ns: int, coarse: bool,
+) -> Fit:
+    """Search from (4,) so far off the prior; it is changed."""
+    known, prior = np.linalg.inv(before), np.append(start.shift, start.yaw)
     centre, tables = np.array(start.centre), cells.tables(stamp_ns)
     for reach, noise in PASSES if coarse else PASSES[-1:]:
         _approach(  # SHARED points weigh as one beside the prior

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from plc_inspect.config import MapSettings, Settings
-from plc_inspect.core.alignment.normal_cells import NormalCells, OPEN_NS
+from plc_inspect.core.alignment.cell_comparison import OPEN_NS
+from plc_inspect.core.alignment.normal_cells import NormalCells
 from plc_inspect.core.alignment.registration import fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.extraction.dust import find_dust

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
+from plc_inspect.core.alignment.cell_comparison import LEAST_LOOKS, OPEN_NS
 from plc_inspect.core.alignment.follower import Follower
-from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
+from plc_inspect.core.alignment.normal_cells import NormalCells
 from plc_inspect.core.alignment.parts import BY_RATE, Part, Seen
 from plc_inspect.core.alignment.registration import fit_heading, fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
