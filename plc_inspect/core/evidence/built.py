@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Curves that are part of something built: of a bridge, a rack, a deck, a roof."""
+"""Curves that are part of something built: of a bridge, a rack, a deck, a roof, a wall."""
 
 from collections.abc import Sequence
 from itertools import compress
@@ -25,7 +25,9 @@ from plc_inspect.core.evidence.validation import (
     may_be_held,
     prove_sag,
     SCAN_LINE,
+    WALL,
 )
+from plc_inspect.core.evidence.walls import are_on_walls
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Bool, Float64
 
@@ -98,9 +100,10 @@ def name_built(
     The arguments are those of `are_held`.
     """
     held = are_held(points, index, curves, wire, settings, below).tolist()
+    walls = are_on_walls(points, index, curves).tolist()
     return [
-        HELD if is_held else _name(points, curve, settings)
-        for curve, is_held in zip(curves, held, strict=True)
+        WALL if is_wall else HELD if is_held else _name(points, curve, settings)
+        for curve, is_wall, is_held in zip(curves, walls, held, strict=True)
     ]
 
 

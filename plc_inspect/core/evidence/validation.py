@@ -20,10 +20,11 @@ STAY = 'a stay: of a beam below it, of a mast, or steep and straight'
 HELD = 'touched at regular intervals, or along the edge of a deck or roof'
 SCAN_LINE = 'one scan line over a surface: its points lie in a plane'
 BAR = 'a bar or pipe: its points lie on one side of it'
-RIGID = (HELD, SCAN_LINE, BAR)
+WALL = 'on a wall: what is below it fills the same plane'
+RIGID = (HELD, SCAN_LINE, BAR, WALL)
 """
 What `built.name_built` tells of a curve.
-Source: derived: the three above.
+Source: derived: the four above.
 """
 BUILT = (TIED, STAY, *RIGID)
 """
