@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Tracks beside conductors that were found, of what was not found by itself.
+Tracks beside and along curves that were found, of what was not found by itself.
 
 Conductors of a line hang side by side, so one that is known gives the direction of the others;
-the points of a sparse or blurred one do not.
+the points of a sparse or blurred one do not.  A piece of a sparse one gives that of its rest.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.arrays import NUM_PARTS
 from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip, PlanIndex
 from plc_inspect.core.numerics.voxels import build_voxels
-from plc_inspect.results import Bool, Float64, Int32
+from plc_inspect.results import Bool, Float64, Int32, Int64
 
 REACH = 8.0
 """
@@ -49,6 +49,11 @@ BEYOND = 30.0
 """
 Length beyond the ends of a conductor along which others are looked for [m].
 Source: judgement: as far as a line bends by less than the reach.
+"""
+ROOM = 1.0
+"""
+Distance from a curve within which it is searched again [m].
+Source: judgement: a curve over several conductors lies within it of each.
 """
 PLACE = 1.0
 """
@@ -82,16 +87,59 @@ def search_beside(
     ClusteringResult
 
     """
-    index, rows = cloud.index_high(), pack_curves([*curves, *others])
-    owner, is_own = find_nearest(cloud.points, index, rows, len(curves), REACH, BEYOND)
-    chosen = np.flatnonzero((owner >= 0) & ~is_own)
+    owner, is_own = find_nearest(
+        cloud.points, cloud.index_high(), pack_curves([*curves, *others]), len(curves), REACH,
+        BEYOND,
+    )
+    return _cluster_about(
+        cloud, curves, np.flatnonzero((owner >= 0) & ~is_own), REACH, settings
+    )
+
+
+def search_along(
+    cloud: OffGround, curves: Sequence[Curve], known: Sequence[Curve], settings: Settings
+) -> ClusteringResult:
+    """
+    Cluster the points along curves, their own too, whether or not they lie along a line.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        Points off the ground; the high ones are searched.
+    curves : sequence of Curve
+        What may be conductors.
+    known : sequence of Curve
+        Conductors, whose points are left out.
+    settings : Settings
+        Of all stages.
+
+    Returns
+    -------
+    ClusteringResult
+
+    """
+    index = cloud.index_high()
+    owner, _ = find_nearest(
+        cloud.points, index, pack_curves(curves), len(curves), ROOM, BEYOND
+    )
+    _, is_taken = find_nearest(cloud.points, index, pack_curves(known), 0, ROOM, BEYOND)
+    return _cluster_about(
+        cloud, curves, np.flatnonzero((owner >= 0) & ~is_taken), ROOM, settings
+    )
+
+
+def _cluster_about(
+    cloud: OffGround, curves: Sequence[Curve], chosen: Int64, reach: float, settings: Settings
+) -> ClusteringResult:
+    """Cluster chosen points, as far as they are within reach [m] of curves, along these."""
+    index, rows = cloud.index_high(), pack_curves(curves)
     low = find_lowest(cloud.points, chosen) if len(chosen) else np.zeros(3)
     corner = np.floor(low / PLACE) * PLACE
     chosen = drop_bulk(cloud.points, chosen, corner, settings.linearity.max_occupied)
     voxels = build_voxels(cloud.points, chosen, corner, PLACE)
     position = voxels.centroids()
     places = build_plan_index(position, np.arange(len(position)), index.cell_size)
-    number, _ = find_nearest(position, places, rows[: len(curves)], len(curves), REACH, BEYOND)
+    number, _ = find_nearest(position, places, rows, len(curves), reach, BEYOND)
     near = number >= 0
     position, count = position[near], voxels.moments[near, 0].astype(np.int64)
     candidates = LinearityResult(

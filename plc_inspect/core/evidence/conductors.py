@@ -159,10 +159,11 @@ def judge_curves(
     Those that ran over a support side by side are cut first.  A thick curve that is no conductor
     may lie over several: then its parts are tried, and those that are conductors take its place;
     of one that hangs and is free, none clutters another.  Where nothing but too little evidence
-    speaks against a curve, it is searched again in shorter windows; then come steep conductors,
-    those beside others that are known, and at last bands of wires as wide as bundles.  Of what is
-    known these take back only what proves to be built, as stays of a crane whose jib is found
-    then.  The arguments are those of `model_conductors`.
+    speaks against a curve, it is searched again in shorter windows, and a sparse one by all
+    points along it; then come steep conductors, those beside others that are known, and at last
+    bands of wires as wide as bundles.  Of what is known these take back only what proves to be
+    built, as stays of a crane whose jib is found then.  The arguments are those of
+    `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     curves = cut_groups(points, curves, sight, SIDE, settings)
@@ -187,7 +188,11 @@ def judge_curves(
         if verdict.objection and _may_continue(curve, verdict, settings)
     ]
     if unsure:
-        found, _ = find_curves(points, index, searches.look_again(unsure), settings, rng)
+        looks = searches.look_again(unsure), searches.look_along(unsure, judge.believed)
+        found = tuple(
+            curve for tracks in looks if tracks is not None
+            for curve in find_curves(points, index, tracks, settings, rng)[0]
+        )
         judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
     found, _ = find_curves(points, index, searches.look_steeply(judge.believed), settings, rng)
     judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))

@@ -11,7 +11,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
-from plc_inspect.core.evidence.beside import find_nearest, search_beside
+from plc_inspect.core.evidence.beside import find_nearest, ROOM, search_along, search_beside
 from plc_inspect.core.extraction.alignment import align
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -24,10 +24,12 @@ Length of the windows of the second search, as a share of those of the first.
 Source: bench/frames.py: with 0.7 to 0.8 oakland_part2_ah 0.57 to 0.62 in place of 0, part3_am 0.55
 in place of 0.37; with 0.65 windows of these hold too few points.
 """
-ROOM = 1.0
+SPARSE = 3.0
 """
-Distance from a curve within which it is searched again [m].
-Source: judgement: a curve over several conductors lies within it of each.
+Points of a curve a metre, below which it is searched again by all points about it.
+Source: derived: a neighbourhood of 1.5 m then holds fewer than five, and those of 3 m and more
+are as wide as what is beside it; bench/frames.py --noise: with 0 autzen_wires_north gave no line
+in 11 of 16 frames; uav_chemical_plant_no_wires has false lines where dense things are searched so.
 """
 
 
@@ -64,6 +66,30 @@ class Searches:
         half_length = self.settings.alignment.half_length
         near = self.inliers.select(self._find_about(self.inliers, curves, 2.0 * half_length))
         return self._cluster(near, SHORTER * half_length)
+
+    def look_along(
+        self, curves: Sequence[Curve], known: Sequence[Curve]
+    ) -> ClusteringResult | None:
+        """
+        Cluster the points along sparse curves anew; return None where none is sparse.
+
+        Points too far apart make a line of no place by itself: what leads to the curve is a few
+        that lie well by chance.
+
+        Parameters
+        ----------
+        curves : sequence of Curve
+            With too little evidence.
+        known : sequence of Curve
+            Conductors, whose points are left out.
+
+        Returns
+        -------
+        ClusteringResult or None
+
+        """
+        sparse = [curve for curve in curves if len(curve.points) < SPARSE * curve.length]
+        return search_along(self.cloud, sparse, known, self.settings) if sparse else None
 
     def look_steeply(self, curves: Sequence[Curve]) -> ClusteringResult:
         """

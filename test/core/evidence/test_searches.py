@@ -102,3 +102,33 @@ def test_what_lies_along_known_conductors_is_not_searched_again():
     lines = Pipeline(Settings()).trace(make_slope(np.random.default_rng(7), 28.0, 2.5)).lines
     assert lines.searches.look_steeply([]).num_tracks >= 3
     assert not lines.searches.look_steeply(lines.conductors.curves).num_tracks
+
+
+def make_sparse_line(rng, azimuth, density):
+    """Return ground, and two spans of three conductors of few points a metre, turned."""
+    plan = rng.uniform((-15.0, -25.0), (105.0, 25.0), (GROUND, 2))
+    parts = [np.column_stack((plan, np.zeros(GROUND)))]
+    for k in range(3):
+        x = rng.uniform(0.0, 90.0, int(density * 90.0))
+        along = np.where(x < 45.0, x, x - 45.0)
+        parts.append(np.column_stack((
+            x, np.full(len(x), 1.2 * (k - 1)), 9.0 + along * (along - 45.0) / 600.0
+        )))
+    points = np.concatenate(parts)
+    points += rng.normal(0.0, 0.03, points.shape)
+    ca, sa = np.cos(azimuth), np.sin(azimuth)
+    points[:, :2] = points[:, :2] @ np.array(((ca, sa), (-sa, ca)))
+    return points
+
+
+def test_sparse_conductors_are_found_along_the_pieces_that_chance_leaves(monkeypatch):
+    clouds = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        clouds.append(make_sparse_line(rng, rng.uniform(0.0, np.pi), 0.6))
+    with_it = np.array([measure_share(points) for points in clouds])
+    monkeypatch.setattr(Searches, 'look_along', lambda self, curves, known: None)
+    without = np.array([measure_share(points) for points in clouds])
+    assert (with_it >= without).all()
+    assert (with_it > 0.5).sum() >= 3
+    assert not (without > 0.5).any()
