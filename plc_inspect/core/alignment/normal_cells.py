@@ -20,6 +20,7 @@ from plc_inspect.core.alignment.cell_comparison import (
     NUM_SUMS,
     OPEN_NS,
     pack,
+    PASS_NS,
     VIEWER,
 )
 from plc_inspect.core.alignment.rigid_move import RigidMove
@@ -114,7 +115,8 @@ class NormalCells:
         self._table = index_keys(self._keys[:num], room)
 
     def compare(
-        self, points: Float64, move: RigidMove, stamp_ns: int, reach: int, noise: float = NOISE
+        self, points: Float64, move: RigidMove, stamp_ns: int, reach: int, noise: float = NOISE,
+        within: int = PASS_NS,
     ) -> tuple[Float64, Float64, int, int, float]:
         """
         Compare moved points with the cells.
@@ -131,6 +133,8 @@ class NormalCells:
             Number of neighbouring cells searched on each side.
         noise : float
             Standard deviation of a point beside that of its cell [m].
+        within : int
+            Age of cells up to which the other side of what they hold is left out [ns].
 
         Returns
         -------
@@ -147,7 +151,7 @@ class NormalCells:
         origin, keys, sums, counts, times, table = self.tables(stamp_ns)
         matrix, slope, matched, fitting, age = compare_cells(
             move.apply(points) - origin, move.centre + move.shift - origin, keys, sums, counts,
-            times, table, stamp_ns, reach, noise * noise,
+            times, table, stamp_ns, reach, noise * noise, within,
         )
         return matrix, slope, int(matched), int(fitting), age * 1e-9 / max(fitting, 1)
 

@@ -9,7 +9,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.alignment.cell_comparison import CELL, compare_cells
+from plc_inspect.core.alignment.cell_comparison import CELL, compare_cells, PASS_NS
 from plc_inspect.core.alignment.normal_cells import NOISE, NormalCells
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.numerics.cell_sums import pack_cells
@@ -121,13 +121,15 @@ def _fit_from(
     """Search from (4,) so far off the prior; it is changed."""
     known, prior = np.linalg.inv(before), np.append(start.shift, start.yaw)
     centre, tables = np.array(start.centre), cells.tables(stamp_ns)
+    within = 0 if coarse else PASS_NS  # after a break either side tells where the vehicle is
     for reach, noise in PASSES if coarse else PASSES[-1:]:
         _approach(  # SHARED points weigh as one beside the prior
             points, prior, centre, off, SHARED * known, *tables, stamp_ns, reach, noise * noise,
+            within,
         )
     now = prior + off
     move = RigidMove(now[:3], float(now[3]), start.centre)
-    matrix, _, matched, fitting, age = cells.compare(points, move, stamp_ns, 0)
+    matrix, _, matched, fitting, age = cells.compare(points, move, stamp_ns, 0, within=within)
     return Fit(
         move=move, covariance=np.linalg.inv(matrix / SHARED + known), matched=matched,
         fitting=fitting, age=age,
@@ -177,7 +179,7 @@ def sample_points(points: Float64) -> Float64:
 @njit(cache=True, nogil=True)
 def _approach(  # type: ignore[no-untyped-def]
     points, prior, centre, off, known, origin, keys, sums, counts, times, table, stamp, reach,
-    floor,
+    floor, within,
 ):
     """
     Move points onto the cells by Gauss-Newton steps; ``off`` is added to the shift and the turn.
@@ -196,7 +198,7 @@ def _approach(  # type: ignore[no-untyped-def]
             moved[n, 1] = sin * x + cos * y + about[1]
             moved[n, 2] = points[n, 2] - centre[2] + about[2]
         matrix, slope, _, _, _ = compare_cells(
-            moved, about, keys, sums, counts, times, table, stamp, reach, floor
+            moved, about, keys, sums, counts, times, table, stamp, reach, floor, within
         )
         for p in range(4):
             for q in range(4):
