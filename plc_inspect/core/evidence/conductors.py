@@ -190,7 +190,7 @@ def judge_curves(
     if unsure:
         looks = searches.look_again(unsure), searches.look_along(unsure, judge.believed)
         found = tuple(
-            curve for tracks in looks if tracks is not None
+            curve for tracks in looks
             for curve in find_curves(points, index, tracks, settings, rng)[0]
         )
         judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))

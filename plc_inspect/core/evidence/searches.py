@@ -67,11 +67,9 @@ class Searches:
         near = self.inliers.select(self._find_about(self.inliers, curves, 2.0 * half_length))
         return self._cluster(near, SHORTER * half_length)
 
-    def look_along(
-        self, curves: Sequence[Curve], known: Sequence[Curve]
-    ) -> ClusteringResult | None:
+    def look_along(self, curves: Sequence[Curve], known: Sequence[Curve]) -> ClusteringResult:
         """
-        Cluster the points along sparse curves anew; return None where none is sparse.
+        Cluster the points along sparse curves anew.
 
         Points too far apart make a line of no place by itself: what leads to the curve is a few
         that lie well by chance.
@@ -85,11 +83,11 @@ class Searches:
 
         Returns
         -------
-        ClusteringResult or None
+        ClusteringResult
 
         """
         sparse = [curve for curve in curves if len(curve.points) < SPARSE * curve.length]
-        return search_along(self.cloud, sparse, known, self.settings) if sparse else None
+        return search_along(self.cloud, sparse, known, self.settings)
 
     def look_steeply(self, curves: Sequence[Curve]) -> ClusteringResult:
         """
