@@ -201,12 +201,12 @@ def _is_other_side(row, inverse, x, y, z, about):  # type: ignore[no-untyped-def
     A pole or the leg of a tower that the vehicle passes is seen from before and from behind; what
     lies between both sides would be taken for drift.
     """
+    here = about[0] - x, about[1] - y, about[2] - z
+    then = row[VIEWER] - x, row[VIEWER + 1] - y, row[VIEWER + 2] - z
     dot = 0.0
     for p in range(3):
         for q in range(3):
-            place = x if q == 0 else y if q == 1 else z
-            here = about[p] - (x if p == 0 else y if p == 1 else z)
-            dot += here * inverse[p, q] * (row[VIEWER + q] - place)
+            dot += here[p] * inverse[p, q] * then[q]
     return dot < 0.0
 
 

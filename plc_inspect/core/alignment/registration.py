@@ -118,7 +118,7 @@ def _fit_from(
     off: Float64, cells: NormalCells, points: Float64, start: RigidMove, before: Float64,
     stamp_ns: int, coarse: bool,
 ) -> Fit:
-    """Search from (4,) so far off the prior; it is changed."""
+    """Search from so far off the prior, (4,) shift and turn [m, rad]; it is changed."""
     known, prior = np.linalg.inv(before), np.append(start.shift, start.yaw)
     centre, tables = np.array(start.centre), cells.tables(stamp_ns)
     within = 0 if coarse else PASS_NS  # after a break either side tells where the vehicle is
