@@ -10,7 +10,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve, fit_curve
-from plc_inspect.core.catenary.duplicates import is_thick
+from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int64
 
@@ -50,7 +50,7 @@ def part_twins(
     Conductors of low voltage hang 0.3 m apart, in reach of one another for clustering.  Where
     the points about a thick curve fall into groups all along it, side by side or one above the
     other, each group is a conductor.  What is as long as the spans of bundles (``bundle_length``)
-    may be one, and stays whole.
+    may be one, and stays whole.  A conductor that has its own curve already gets no other one.
 
     Parameters
     ----------
@@ -66,12 +66,13 @@ def part_twins(
     tuple of Curve, longest first
 
     """
-    result: list[Curve] = []
+    whole: list[Curve] = []
+    parts: list[Curve] = []
     for curve in curves:
         may_be_more = is_thick(curve) and curve.length < settings.bundle_length
-        result.extend(_part(points, curve) if may_be_more else (curve,))
-    result.sort(key=lambda curve: (-curve.length, *curve.origin))
-    return tuple(result)
+        found = _part(points, curve) if may_be_more else (curve,)
+        (whole if len(found) == 1 else parts).extend(found)
+    return drop_duplicates(points, parts, settings, whole)
 
 
 def _part(points: Float64, curve: Curve) -> tuple[Curve, ...]:

@@ -74,3 +74,12 @@ def test_what_is_as_long_as_the_span_of_a_bundle_stays_whole():
     points = hang([(0.0, 0.0), (0.4, 0.0)], length=120.0, num=1200, constant=900.0)
     assert len(part(points)[1]) == 1
     assert len(part(points, bundle_length=150.0)[1]) == 2
+
+
+def test_a_conductor_with_a_curve_of_its_own_gets_no_other_one():
+    points = hang([(0.0, 0.0), (0.3, 0.0)])
+    whole = fit_curve(points, np.arange(len(points)), tolerance=0.6)
+    own = fit_curve(points, np.arange(400), tolerance=0.15)
+    curves = part_twins(points, [whole, own], CatenarySettings())
+    assert len(curves) == 2
+    assert any(curve is own for curve in curves)
