@@ -96,6 +96,31 @@ def test_spans_on_both_sides_of_a_support_are_not_bridged():
     assert len(bridge(points, curves, SETTINGS)) == 2
 
 
+class LateSearch:
+    """Finds nothing but the points from a first one on, beside what is known."""
+
+    def __init__(self, points, first):
+        self.rest = points.copy()
+        self.rest[:first] = np.random.default_rng(3).uniform(-1e3, 1e3, (first, 3))
+        self.nothing = find_tracks(self.rest[:first])
+
+    def look_steeply(self, curves):
+        return self.nothing
+
+    def look_beside(self, curves, others):
+        return find_tracks(self.rest)
+
+
+def test_what_a_later_search_finds_of_a_conductor_is_bridged():
+    points = make(length=200.0, parts=((0.0, 0.55), (0.6, 1.0)))
+    num = int((points[:, 0] < 115.0).sum())
+    found = model_conductors(
+        points, make_index(points), find_tracks(points[:num]), make_sight(points), SETTINGS,
+        np.random.default_rng(0), LateSearch(points, num),
+    )
+    assert [curve.length for curve in found.curves] == pytest.approx([200.0], abs=1.0)
+
+
 def make_pair(apart, noise, length=200.0):
     points = np.vstack([
         make(length=length, noise=noise, seed=1), make(y=apart, length=length, noise=noise, seed=2)
