@@ -226,8 +226,8 @@ def _measure_lack(
 
     The bend of a conductor of that support is known.  In the same spans the curve would bend more
     or less by half their lengths times the difference of the curvatures, and in proportion to the
-    curvatures where the spans are level: the lesser counts, as lengths may be seen in part.  Where
-    the support holds it down, the sizes of both bends count.
+    curvatures where the spans are level: the lesser size counts, as lengths may be seen in part.
+    Where the support holds it down, the sizes of both bends count.
     """
     own = float(curve.fit.shape[2])
     bends = []
@@ -238,7 +238,7 @@ def _measure_lack(
             length = end - other.low if side > 0 else other.high - end
             by_length += (own - float(other.fit.shape[2])) * length / 2
             total += float(other.fit.shape[2])
-        bends.append(min(by_length, joint.kink * 2 * own / total))
+        bends.append(min(by_length, joint.kink * 2 * own / total, key=abs))
     bend, sigma = measure_bend(points, curve, x)
     known = float(np.median(bends))
     return (known - bend if known >= 0.0 else -known - abs(bend)), sigma

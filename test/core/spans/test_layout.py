@@ -184,6 +184,21 @@ def test_a_conductor_is_cut_at_a_low_support_over_which_it_alone_runs_straight()
     assert len(find_layout(points, curves, (), SETTINGS).curves) == 6
 
 
+def test_conductors_are_cut_at_a_low_support_that_holds_down_the_earth_wire_alone():
+    # phases of more sag pass it as one curve over both spans would
+    wires = [make_wire((0.0, y, 25.0), (240.0, y, 25.0), 1460.0, seed=int(y)) for y in (3.0, 6.0)]
+    low = 35.0 - 240.0**2 / 8 / 1460.0
+    wires += [
+        make_wire((0.0, 0.0, 35.0), (120.0, 0.0, low), 1900.0, seed=8),
+        make_wire((120.0, 0.0, low), (240.0, 0.0, 35.0), 1900.0, seed=9),
+    ]
+    ends = np.cumsum([0, *map(len, wires)])
+    points = np.vstack(wires)
+    curves = [make_curve(points, np.arange(*own)) for own in pairwise(ends)]
+    layout = find_layout(points, curves, (), SETTINGS)
+    np.testing.assert_allclose(layout.end_x - layout.start_x, [120.0] * 6, atol=1.0)
+
+
 def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
     points, curves = make_route([(0, 0), (90, 0), (170, 0)], offsets=(-3.0, 3.0))
     short = make_wire((0.0, 0.0, 15.0), (90.0, 0.0, 15.0), parts=((0.0, 0.8),), seed=7)
