@@ -85,6 +85,14 @@ def test_a_pole_that_nothing_tells_of_may_stand_in_a_crown_but_for_its_upper_hal
     assert (found is not None and found.kind == 'pole') == is_found
 
 
+@pytest.mark.parametrize('beside', [(), [(0.6, 0.2, 5.4)]], ids=['alone', 'not alone'])
+def test_few_points_are_a_pole_where_there_is_nothing_else(beside):
+    points = [(0.0, 0.0, z) for z in (2.3, 4.9, 7.4, 8.2, 10.6)]
+    points = np.array([*points, *beside])
+    found = find(points, attachment=12.0, reach=1.0, may_be_tower=False, is_told=False)
+    assert (found is None) == bool(beside)
+
+
 @pytest.mark.parametrize('seed', range(5))
 def test_the_corner_of_a_house_is_no_pole(seed):
     rng = np.random.default_rng(seed)
