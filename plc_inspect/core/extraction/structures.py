@@ -273,11 +273,12 @@ def _best_column(apart: Float64, level: Int64, stand: Stand) -> Float64 | None:
     chosen = (level >= first) & (level <= last)
     apart, level, needed = apart[chosen], level[chosen] - first + 1, last - first + 1
     best, filled, free = _freest(apart, level, needed, stand.azimuth, stand.reach)
-    if filled < LONE_FILLED * needed or free < max(FREE * needed, LEAST_FREE):
+    share = FILLED if stand.is_told else LONE_FILLED
+    if filled < share * needed or free < max(FREE * needed, LEAST_FREE):
         return None
     axis: Float64 = np.median(apart[np.hypot(*(apart - best).T) <= COLUMN], axis=0)
     if stand.is_told:
-        return axis if filled >= FILLED * needed else None
+        return axis
     distance = np.hypot(*(apart - axis).T)
     if filled < SURE_FILLED * needed:
         near = distance[distance <= RING * COLUMN]
