@@ -137,9 +137,9 @@ def model_conductors(
         if not name:
             crowding = judge.verdicts[number].profile.crowding
             (doubtful if crowding <= settings.max_crowding else crowded).append(curves[number])
-    whole = bridge(points, kept, settings)  # a later search may have found the other part
+    joined = bridge(points, kept, settings)  # a later search may have found the other part
     return ConductorResult(
-        curves=part_twins(points, whole, settings),
+        curves=part_twins(points, joined, settings),
         doubtful=part_twins(points, doubtful, settings), crowded=tuple(crowded), wire=judge.wire,
         objections=dict(sorted(objections.items())),
     )
