@@ -10,6 +10,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.cutting import find_doubtful
 from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.evidence.conductors import ConductorResult, model_conductors
@@ -305,7 +306,8 @@ def _hang(
 ) -> _Hung:
     """Find spans and supports."""
     arms = find_crossarms(cloud, conductors.curves, conductors.wire)
-    poles = find_poles(cloud, conductors.curves, conductors.wire, arms)
+    told = find_doubtful(cloud.points, conductors.curves, settings.supports.width)
+    poles = find_poles(cloud, conductors.curves, conductors.wire, arms, told)
     borne = find_borne(conductors.curves, poles, settings.catenary)
     conductors = replace(conductors, curves=cut_ends(
         cloud.points, cloud.index,

@@ -18,7 +18,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.piece_sums import add_up, CELL, count_points, solve, solve_all
+from plc_inspect.core.numerics.piece_sums import add_up, CELL, count_points, solve, solve_all
 from plc_inspect.results import Float64, Int64
 
 MIN_SIDE = 5.0
@@ -42,21 +42,6 @@ MAX_MISFIT = 0.05
 One piece that misses the points by more (rms) is two, whatever its kink [m].
 Source: derived: half the least tolerance of a curve, beyond which it loses points.
 """
-MIN_HINGE, HINGE_SIGMAS = 0.005, 10.0
-"""
-Kink of a hinge, at least, and how many of its own standard deviations it is.
-Source: measured: supports that stand as high as one curve over both spans have kinks of 0.0065 to
-0.013, and of 25 and more (four random scenes of 296000 to 304029).
-"""
-HINGE_SHARE, HINGE_MISFIT = 0.95, 0.01
-"""
-Share of what two pieces explain that a hinge explains, and what one piece misses the points by
-without it (rms) [m], at least.
-Source: measured: 0.98 and 0.014 to 0.024 at those supports; where strips and drift bend conductors
-less than 0.9, or less than 0.006.
-"""
-HINGE_STEPS = 5
-"""A hinge is looked for so many steps of two cells to both sides.  Source: numerical."""
 NUM_SWEEPS = 2
 """
 How often the places of all breaks are looked for anew between their neighbours.
@@ -126,7 +111,7 @@ def locate_breaks(x, y, z, track):  # type: ignore[no-untyped-def]
     bounds = _merge(before, bounds, noise)
     while len(bounds) > 2:
         for _ in range(NUM_SWEEPS):
-            _settle(before, bounds)
+            settle(before, bounds)
         # the least sure break is dropped first, as its pieces then tell more of the next one
         result = np.empty((len(bounds) - 2, 3))
         weakest, least = -1, 1.0
@@ -139,96 +124,6 @@ def locate_breaks(x, y, z, track):  # type: ignore[no-untyped-def]
             return result
         bounds = np.concatenate((bounds[: weakest + 1], bounds[weakest + 2 :]))
     return np.empty((0, 3))
-
-
-def find_hinge(x: Float64, z: Float64, track: Int64) -> Break | None:
-    """
-    Find where tracks side by side are all bent by a little, and are one catenary but for that.
-
-    By chance a support stands about as high as one curve over both its spans would pass.  On both
-    sides the conductor is drawn as strongly and has one curvature; what is mislaid has not.
-
-    Parameters
-    ----------
-    x, z : (N,) float64
-        Along the tracks and up [m].
-    track : (N,) int64
-        Which track each point is of, from 0 on.
-
-    Returns
-    -------
-    Break or None
-        With the mean kink of all tracks.
-
-    """
-    if len(x) < 2 * MIN_SIDE_POINTS or np.ptp(x) < 4 * MIN_SIDE:
-        return None
-    low = float(x.min())
-    middle, parts, growth = _part_in_two(x - low, z, track)
-    variance = max(parts, LEAST) / len(x)
-    if growth < max(HINGE_SIGMAS**2 * variance, HINGE_MISFIT**2 * len(x)):
-        return None
-    # two pieces that meet aslant may part a little beside the hinge
-    places = low + middle + 2.0 * CELL * np.arange(-HINGE_STEPS, HINGE_STEPS + 1)
-    fits = [(*_fit_hinge(x - place, z, track), place) for place in places.tolist()]
-    error, kink, weight, place = min(fits)
-    if kink > -max(MIN_HINGE, HINGE_SIGMAS * math.sqrt(variance / weight)):
-        return None
-    is_all = error - parts <= (1.0 - HINGE_SHARE) * growth
-    return Break(x=place, kink=kink, turn=0.0) if is_all else None
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def _part_in_two(x, z, track):  # type: ignore[no-untyped-def]
-    """Return where two pieces fit tracks from 0 on best, their error, and what one adds to it."""
-    before = add_up(x, np.zeros(len(z)), z - z.mean(), track)
-    last = before.shape[1] - 1
-    bounds = np.array([0, last // 2, last])
-    _settle(before, bounds)
-    parts = solve_all(before, 0, bounds[1]) + solve_all(before, bounds[1], last)
-    return bounds[1] * CELL, parts, solve_all(before, 0, last) - parts
-
-
-def _fit_hinge(x: Float64, z: Float64, track: Int64) -> tuple[float, float, float]:
-    """Return the squared error of tracks with a hinge at 0, its mean kink and its weight."""
-    error = kink = weight = 0.0
-    for number in range(int(track.max()) + 1):
-        own = track == number
-        if own.sum() < 2 * MIN_SIDE_POINTS:
-            continue
-        fall, share, rest = fit_kinked(x[own], z[own])
-        sure = 1.0 / max(float(share @ share), LEAST)
-        error += float(rest @ rest)
-        kink -= sure * fall
-        weight += sure
-    return error, kink / max(weight, LEAST), max(weight, LEAST)
-
-
-def fit_kinked(x: Float64, z: Float64) -> tuple[float, Float64, Float64]:
-    """
-    Fit a parabola with a kink at 0.
-
-    Parameters
-    ----------
-    x, z : (N,) float64
-        Along a track and up [m].
-
-    Returns
-    -------
-    fall : float
-        By how much the slope falls at 0.
-    share : (N,) float64
-        By how much that changes with each z [1/m].
-    rest : (N,) float64
-        Residuals [m].
-
-    """
-    length = (float(np.ptp(x)) if len(x) else 0.0) or 1.0
-    along = x / length
-    columns = np.column_stack([np.ones(len(along)), along, along**2, np.minimum(along, 0.0)])
-    inverse = np.linalg.pinv(columns)
-    added = inverse @ z
-    return float(added[3]) / length, inverse[3] / length, z - columns @ added
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -332,7 +227,7 @@ def _merge(before, bounds, noise):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _settle(before, bounds):  # type: ignore[no-untyped-def]
+def settle(before, bounds):  # type: ignore[no-untyped-def]
     """Move each inner bound, in place, to where both its pieces fit best."""
     least, points = math.ceil(MIN_SIDE / CELL), len(before) * MIN_SIDE_POINTS
     for k in range(1, len(bounds) - 1):

@@ -5,29 +5,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
 
-from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.breaks import find_breaks
+from plc_inspect.core.catenary.bridging import bridge
 from plc_inspect.core.catenary.bundles import BUNDLE_SHARE, merge_bundles, widen, widen_to
-from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves, PART_MISS
-from plc_inspect.core.catenary.curve_row import (
-    COS,
-    height_of,
-    HIGH,
-    LOW,
-    MEAN_X,
-    ORIGIN_X,
-    ORIGIN_Y,
-    sigma_of,
-    SIN,
-    to_local,
-)
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.cutting import cut_turned
 from plc_inspect.core.catenary.duplicates import drop_duplicates, find_along, is_thick
 from plc_inspect.core.catenary.growing import extend
+from plc_inspect.core.catenary.mixed import find_mixed
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
@@ -43,22 +31,10 @@ from plc_inspect.core.evidence.validation import (
     UNTIDY,
 )
 from plc_inspect.core.extraction.ground_grid import GroundGrid
-from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
-
-MAX_MISS = 0.8
-"""
-Miss of a continuation, at most, however uncertain it is [m].
-Source: judgement; not measured.
-"""
-LEAST_FIT = 0.8
-"""
-Share of the points of each of two parts that must lie on the curve through both.
-Source: judgement; not measured.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -168,6 +144,7 @@ def judge_curves(
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     curves = cut_groups(points, curves, sight, SIDE, settings)
+    curves = _unmix(points, index, curves, settings, rng)
     judge = Judge(points, index, sight, curves, settings)
     judge.decide()
     freed = _find_within(curves, judge.verdicts, parts, settings)
@@ -243,27 +220,51 @@ def find_curves(
     clustering: ClusteringResult,
     settings: CatenarySettings,
     rng: np.random.Generator,
+    others: Sequence[Curve] = (),
 ) -> tuple[tuple[Curve, ...], tuple[Curve, ...]]:
     """
     Return all curves of the tracks, grown, joined and freed of duplicates, before evidence.
 
-    Further returned are thin curves that were taken for parts of them.
+    They leave to ``others`` the points of these.  Further returned are thin curves that were
+    taken for parts of them.
     """
     curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
-    grown = extend(points, index, curves, settings)
+    grown = _cut_turned(points, extend(points, index, curves, settings, others))
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     fresh = [curve for curve in curves if id(curve) not in done]
     again = iter(extend(
-        points, index, fresh, settings, [curve for curve in curves if id(curve) in done]
+        points, index, fresh, settings,
+        [*others, *(curve for curve in curves if id(curve) in done)],
     ))
-    long = [curve if id(curve) in done else next(again) for curve in curves]
+    long = _cut_turned(
+        points, [curve if id(curve) in done else next(again) for curve in curves]
+    )
     wide = call_each(lambda k: widen(points, index, long[k], settings), len(long))
     result = drop_duplicates(points, merge_bundles(points, wide, settings), settings)
     known = {id(curve) for curve in result}
     parts = tuple(curve for curve in grown if id(curve) not in known and not is_thick(curve))
     return result, parts
+
+
+def _unmix(
+    points: Float64, index: PlanIndex, curves: tuple[Curve, ...], settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[Curve, ...]:
+    """Give the curves of conductors the place of those that run from one into the next."""
+    mixed, tracks = find_mixed(points, index, curves)
+    if not mixed.any():
+        return curves
+    rest = [curve for curve, is_mixed in zip(curves, mixed.tolist(), strict=True) if not is_mixed]
+    found, _ = find_curves(points, index, tracks, settings, rng, rest)
+    return drop_duplicates(points, [*rest, *found], settings)
+
+
+def _cut_turned(points: Float64, curves: Sequence[Curve]) -> list[Curve]:
+    """Return the curves, those that turn at a support in parts."""
+    parts = call_each(lambda k: cut_turned(points, curves[k]), len(curves))
+    return [part for own in parts for part in own]
 
 
 def _find_within(
@@ -300,91 +301,3 @@ def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) ->
         'catenary.max_constant', 'catenary.max_crowding', 'catenary.min_evidence',
         'catenary.max_clutter',
     }
-
-
-def bridge(
-    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
-) -> tuple[Curve, ...]:
-    """
-    Join curves that are parts of one conductor in one span.
-
-    Starting from the longest, the curve whose points lie nearest to the continuation is tried
-    first; the union must be explained by one catenary about as well as the parts are.
-    """
-    alive = list(curves)
-    rows = pack_curves(curves)
-    result: list[Curve] = []
-    while alive:
-        base, row, rows = alive.pop(0), rows[0], rows[1:]
-        while alive:
-            miss = _measure_misses(row, rows, settings.max_bridge)
-            for position in np.argsort(miss, kind='stable')[: np.isfinite(miss).sum()].tolist():
-                union = join(points, base, alive[position], settings)
-                if union is not None:
-                    base, row = union, union.row
-                    del alive[position]
-                    rows = np.delete(rows, position, axis=0)
-                    break
-            else:
-                break
-        result.append(base)
-    result.sort(key=lambda curve: (-curve.length, *curve.origin))
-    return tuple(result)
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
-    """How far curves lie off the continuation of ``base`` [m], inf where they are none of it."""
-    result = np.full(len(rows), np.inf)
-    for k in range(len(rows)):
-        row = rows[k]
-        least, most, total = np.inf, -np.inf, 0.0
-        for part in (1, 0, 2):  # the middle and both ends
-            at = row[LOW] + 0.5 * part * (row[HIGH] - row[LOW])
-            x, y = to_local(
-                base, row[ORIGIN_X] + row[COS] * at, row[ORIGIN_Y] + row[SIN] * at
-            )
-            away = abs(x - base[MEAN_X])
-            if part == 1 and (
-                abs(y) >= MAX_MISS + 0.02 * away or away >= base[HIGH] - base[LOW] + max_bridge
-            ):
-                break
-            miss = math.hypot(y, height_of(row, at) - height_of(base, x))
-            if not miss <= min(PART_MISS + 3 * sigma_of(base, x), MAX_MISS):
-                break
-            least, most, total = min(least, x), max(most, x), total + miss
-        else:
-            gap = max(least - base[HIGH], base[LOW] - most, 0.0)
-            if gap <= min(max(row[HIGH] - row[LOW], base[HIGH] - base[LOW]), max_bridge):
-                result[k] = total / 3.0 + 0.01 * gap
-    return result
-
-
-def join(
-    points: Float64, first: Curve, second: Curve, settings: CatenarySettings
-) -> Curve | None:
-    """Return one curve through the points of both, or None if they are not of one span."""
-    shorter = min(first.length, second.length)
-    if is_thick(first) != is_thick(second) and shorter < settings.bundle_length:
-        return None
-    tolerance = max(first.tolerance, second.tolerance)
-    try:
-        union = fit_curve(
-            points, merge_ascending(first.points, second.points), tolerance=tolerance
-        )
-    except FitError:
-        return None
-    for part in (first, second):
-        x, y = union.local(points[part.points])
-        miss = np.maximum(np.abs(y), np.abs(points[part.points, 2] - union.fit.height(x)))
-        if (miss <= tolerance).mean() < LEAST_FIT:
-            return None
-    error = math.hypot(union.fit.rmse, union.lateral_rmse)
-    own = max(math.hypot(part.fit.rmse, part.lateral_rmse) for part in (first, second))
-    if error > max(1.4 * own, 0.05):
-        return None
-    own_points = points[union.points]
-    x, y = union.local(own_points)
-    if find_breaks(x, y, own_points[:, 2]):
-        return None
-    return union

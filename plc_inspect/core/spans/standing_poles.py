@@ -31,6 +31,7 @@ from plc_inspect.core.extraction.structures import (
     LEAST_HEIGHT,
     LEAST_METRES,
     MAX_BELOW,
+    MAX_BESIDE,
     Stand,
     TOP_METRES,
 )
@@ -55,8 +56,7 @@ hangs near the pole.
 ARM = 3.0
 """
 Distance in plan of the other conductors that a pole holds, at most [m].
-Source: derived: half of `supports.MIN_TOWER`, twice over; arms of medium-voltage poles are 1 to
-2.5 m.
+Source: derived: half of `supports.MIN_TOWER`, twice over; medium-voltage arms are 1 to 2.5 m.
 """
 SAME_POLE = 1.0
 """Poles nearer to each other are one [m].  Source: judgement; A-frames have two legs."""
@@ -123,7 +123,8 @@ class _PoleEnd:
 
 
 def find_poles(
-    cloud: OffGround, curves: Sequence[Curve], wire: Bool, arms: Sequence[StandingPole] = ()
+    cloud: OffGround, curves: Sequence[Curve], wire: Bool, arms: Sequence[StandingPole] = (),
+    told: Sequence[tuple[Curve, float]] = (),
 ) -> tuple[StandingPole, ...]:
     """
     Find the poles along curves.
@@ -141,6 +142,8 @@ def find_poles(
         Points of conductors.
     arms : sequence of StandingPole
         Poles that their arms tell of.
+    told : sequence of (Curve, float)
+        Places along curves that tell of a support, as of `cutting.find_doubtful` [m].
 
     Returns
     -------
@@ -160,9 +163,10 @@ def find_poles(
                 looked_at.add(cell)
                 places.append((curve, x))
     found = call_each(lambda k: _stand_at(cloud, wire, *places[k]), len(places))
+    bent = call_each(lambda k: _stand_at(cloud, wire, *told[k], is_told=True), len(told))
     poles: list[StandingPole] = []
     for pole in sorted(
-        (pole for pole in [*found, *arms] if pole is not None),
+        (pole for pole in [*found, *bent, *arms] if pole is not None),
         key=lambda pole: (-pole.top, *pole.position),
     ):
         if all(math.dist(pole.position, other.position) > SAME_POLE for other in poles):
@@ -176,8 +180,7 @@ def cut_at_poles(
     """
     Cut curves at the poles that hold them, where both parts are longer than ``least`` [m].
 
-    By chance a support bends none of its conductors; what surely lacks the bend of one beside
-    something that rises far above passes a tree.
+    What surely lacks the bend of a support, beside something that rises far above, passes a tree.
 
     Parameters
     ----------
@@ -277,10 +280,8 @@ def _measure_lack(points: Float64, curve: Curve, x: float) -> Lack:
     return 0.5 * curve.length * float(curve.fit.shape[2]) - bend, sigma
 
 
-def _find_end(
-    number: int, curve: Curve, pole: StandingPole, room: float
-) -> _PoleEnd | None:
-    """Return the end of a curve that is at a pole: the nearer one, of a short piece too."""
+def _find_end(number: int, curve: Curve, pole: StandingPole, room: float) -> _PoleEnd | None:
+    """Return the end of a curve that is at a pole: the nearer one."""
     x, _ = curve.local_place(pole.position)
     side, end = min((-1, curve.low), (1, curve.high), key=lambda item: abs(item[1] - x))
     if abs(end - x) > room:
@@ -294,9 +295,7 @@ def _face(curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd) -> bool:
     return first.side * second.side * math.cos(turn) < -math.cos(MAX_TURN)
 
 
-def _join(
-    curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd, miss: float
-) -> Joint:
+def _join(curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd, miss: float) -> Joint:
     rise = sum(
         end.side * float(curves[end.number].fit.slope(end.x)) for end in (first, second)
     )
@@ -307,21 +306,22 @@ def _join(
 
 
 def _stand_at(
-    cloud: OffGround, wire: Bool, curve: Curve, x: float
+    cloud: OffGround, wire: Bool, curve: Curve, x: float, *, is_told: bool = False
 ) -> StandingPole | None:
-    """Find the pole at a place of a curve."""
+    """Find the pole at a place of a curve; the top of one that curves tell of may be unseen."""
     place = curve.position(x)[0]
     base = float(cloud.height.ground.at(place[None, :])[0])
     if not math.isfinite(base):
         return None
     above = float(place[2]) - base
     found = find_structure(cloud.points, cloud.height.height, cloud.index, wire, Stand(
-        near=place[:2], azimuth=curve.azimuth, reach=BESIDE, attachment=above, top=above,
-        lowest=cloud.least, may_be_tower=False, is_told=False,
+        near=place[:2], azimuth=curve.azimuth, reach=MAX_BESIDE if is_told else BESIDE,
+        attachment=above, top=above, lowest=cloud.least, may_be_tower=False, is_told=is_told,
     ))
-    if found is None or found.top < float(place[2]) - MAX_BELOW:
+    if found is None or found.top < float(place[2]) - (TOP_METRES if is_told else MAX_BELOW):
         return None
-    return StandingPole(position=found.position, base=base, top=found.top)
+    top = max(found.top, float(place[2])) if is_told else found.top
+    return StandingPole(position=found.position, base=base, top=top)
 
 
 def _list_columns(cloud: OffGround, rows: Float64, wire: Bool) -> list[Float64]:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from toys import hang
 
-from plc_inspect.core.catenary.breaks import _settle, find_breaks
-from plc_inspect.core.catenary.piece_sums import add_up
+from plc_inspect.core.catenary.breaks import find_breaks, settle
+from plc_inspect.core.numerics.piece_sums import add_up
 
 
 def make_track(spans=(80.0,), heights=None, c=700.0, per_metre=4.0, noise=0.02, seed=0, turns=()):
@@ -142,7 +142,7 @@ def test_of_cuts_that_part_the_points_alike_the_first_is_taken():
         before = add_up(x, rng.normal(0.0, 0.02, len(x)), z, one)
         num = before.shape[1] - 1
         bounds = np.array([0, num // 2, num])
-        _settle(before, bounds)
+        settle(before, bounds)
         assert before[0, bounds[1], 0] > before[0, bounds[1] - 1, 0]
 
 

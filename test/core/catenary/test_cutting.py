@@ -10,7 +10,12 @@ import pytest
 from toys import make_curve, make_wire, turn
 
 from plc_inspect.core.catenary.curve import fit_curve
-from plc_inspect.core.catenary.cutting import cut_together, measure_bend
+from plc_inspect.core.catenary.cutting import (
+    cut_together,
+    cut_turned,
+    find_doubtful,
+    measure_bend,
+)
 
 WIDTH, LEAST = 30.0, 5.0
 OFFSETS = (-0.9, -0.3, 0.3, 0.9)
@@ -81,6 +86,65 @@ def test_a_support_that_bends_them_by_little_is_found_by_three(yaw):
         lengths = sorted(part.length for part in parts)
         assert lengths == pytest.approx([56.0] * 3 + [84.0] * 3, abs=5.0)
         assert cut_together(points, curves[:2], WIDTH, LEAST) == curves[:2]
+
+
+def turn_beyond(points, x, angle):
+    """Turn what lies beyond x in plan, about a place on the line [m, rad]."""
+    moved = points.copy()
+    beyond = points[:, 0] > x
+    moved[beyond] = turn(points[beyond] - (x, 0.0, 0.0), angle, (x, 0.0, 0.0))
+    return moved
+
+
+@pytest.mark.parametrize('yaw', [0.0, 2.0])
+def test_one_that_turns_by_less_than_a_degree_is_cut_there(yaw):
+    for seed in range(5):
+        points, _ = make_rack((0.0, 49.0, 86.0), (0.0,), LOW_TOWER, per_metre=19.0, seed=seed)
+        points = turn(turn_beyond(points, 49.0, 0.011), yaw)
+        curve = make_curve(points, np.arange(len(points)), 0.3)
+        lengths = [part.length for part in cut_turned(points, curve)]
+        assert sorted(lengths) == pytest.approx([37.0, 49.0], abs=1.5)
+
+
+@pytest.mark.parametrize('depth', [0.0, 0.3, -0.3])
+def test_one_that_wind_swings_is_not_cut(depth):
+    for seed in range(5):
+        points, _ = make_rack((0.0, 86.0), (0.0,), per_metre=19.0, seed=seed)
+        x = points[:, 0] / 86.0
+        points[:, 1] += 4.0 * depth * x * (1.0 - x)
+        curve = make_curve(points, np.arange(len(points)), 0.4)
+        assert cut_turned(points, curve) == [curve]
+
+
+def test_two_strips_askew_are_no_turn():
+    """From the middle on all points lie 8 cm aside."""
+    for seed in range(5):
+        points, _ = make_rack((0.0, 86.0), (0.0,), per_metre=19.0, seed=seed)
+        points[points[:, 0] > 43.0, 1] += 0.08
+        curve = make_curve(points, np.arange(len(points)), 0.4)
+        assert cut_turned(points, curve) == [curve]
+
+
+def test_a_turn_that_is_too_little_to_cut_asks_for_a_pole():
+    """Four conductors that turn by 0.4 degrees at a low pole; those of one span ask for none."""
+    for seed in range(5):
+        points, _ = make_rack(
+            (0.0, 28.0, 56.0), heights=(9.0, 8.51, 9.0), per_metre=25.0, seed=seed
+        )
+        straight = points.copy()
+        points = turn_beyond(points, 28.0, 0.007)
+        both = []
+        for own in (points, straight[straight[:, 0] < 28.0]):
+            ends = np.flatnonzero(np.diff(own[:, 0]) < -10.0) + 1
+            curves = [
+                make_curve(own, part, 0.2) for part in np.split(np.arange(len(own)), ends)
+            ]
+            both.append(find_doubtful(own, curves, WIDTH))
+        found, none = both
+        assert none == []
+        places = [curve.position(x)[0, 0] for curve, x in found]
+        assert places == pytest.approx([28.0] * 4, abs=2.0)
+    assert find_doubtful(points, [], WIDTH) == []
 
 
 @pytest.mark.parametrize('amplitude', [0.05, -0.05])

@@ -105,6 +105,22 @@ def test_scan_lines_of_a_wall_are_no_poles(x):
     assert look(make_scan_lines(x))[2] == ()
 
 
+def test_a_pole_whose_top_is_out_of_sight_is_one_where_curves_tell_of_it():
+    rising = make_pole(60.0, 0.1, 6.5)
+    sparse = rising[np.argsort(rising[:, 2])][np.linspace(0, len(rising) - 1, 12).astype(int)]
+    cloud, curves, poles = look(sparse)
+    assert poles == ()
+    wire = np.zeros(len(cloud.points), dtype=bool)
+    for curve in curves:
+        wire[curve.points] = True
+    told = [(curve, curve.local_place(np.array([61.0, 0.0]))[0]) for curve in curves]
+    (pole,) = find_poles(cloud, curves, wire, told=told)
+    np.testing.assert_allclose(pole.position, [60.0, 0.1], atol=0.1)
+    assert all(pole.holds(curve) for curve in curves)
+    far = [(curve, curve.local_place(np.array([64.0, 0.0]))[0]) for curve in curves]
+    assert find_poles(cloud, curves, wire, told=far) == ()
+
+
 def test_posts_of_a_portal_and_a_pole_beside_a_wall_are_poles():
     assert len(look(make_scan_lines([59.5, 60.7]))[2]) >= 1
     wall = make_scan_lines(np.arange(55.0, 66.0), y=2.5)
