@@ -12,6 +12,7 @@ from plc_inspect.core.alignment.cell_comparison import OPEN_NS
 from plc_inspect.core.alignment.normal_cells import NormalCells
 from plc_inspect.core.alignment.registration import fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.clustering.sharpening import find_dots, sharpen
 from plc_inspect.core.extraction.dust import find_dust
 from plc_inspect.core.extraction.ground_grid import make_unknown
 from plc_inspect.core.hazards.clearance_rules import PLAIN
@@ -119,6 +120,8 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         along = np.arange(100.0)
         make_unknown().tell_seen(points[:1])
         divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle
+        aside, above = sharpen(along, along % 2.0, along % 3.0, 0.0)  # a rack
+        find_dots(along, aside, above, 50.0)
         points = np.concatenate((points, make_rarities()))
     _, result, _ = Session().conclude(points, settings, 0, complete=True)
     find_dust(points[:1000], points[:1])
