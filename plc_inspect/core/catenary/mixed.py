@@ -13,7 +13,12 @@ from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.clustering.segments import Segments
-from plc_inspect.core.clustering.sharpening import find_dots, LEAST_POINTS, sharpen
+from plc_inspect.core.clustering.sharpening import (
+    find_dots,
+    LEAST_POINTS,
+    MOST_DOTS,
+    sharpen,
+)
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64, Int32, Int64
@@ -147,7 +152,7 @@ def _see_dots(
             continue
         y, w = sharpen(x, y, w, float(curve.fit.shape[2]))
         dot = find_dots(x, y, w, half)
-        if dot.max() > 0:
+        if 0 < dot.max() < MOST_DOTS - 1:  # or it is a wall
             yield near, own, dot, np.column_stack([y, w])
 
 

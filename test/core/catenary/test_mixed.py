@@ -15,15 +15,15 @@ from plc_inspect.core.numerics.plan_index import build_plan_index
 APART, NUM = 0.31, 5
 
 
-def make_rack(per_metre=3.0, seed=0, yaw=0.0, length=21.0):
-    """Return the points of five wires one above the other, and which wire each is of."""
+def make_rack(per_metre=3.0, seed=0, yaw=0.0, length=21.0, num=NUM):
+    """Return the points of wires one above the other, and which wire each is of."""
     wires = [
         make_wire((0.0, 0.0, 9.0 + APART * k), (length, 0.0, 8.0 + APART * k), 340.0, per_metre,
                   0.045, 100 * seed + k)
-        for k in range(NUM)
+        for k in range(num)
     ]
     points = turn(np.vstack(wires), yaw, (300.0, -200.0, 0.0))
-    return points, np.repeat(np.arange(NUM), [len(wire) for wire in wires])
+    return points, np.repeat(np.arange(num), [len(wire) for wire in wires])
 
 
 def cross(points, wire, first=1, last=2):
@@ -84,6 +84,12 @@ def test_what_is_dense_short_or_alone_is_not_looked_at():
     assert not look(alone, make_curve(alone, tolerance=0.2))[0].any()
     mixed, tracks = look(points)
     assert len(mixed) == tracks.num_tracks == 0
+
+
+def test_rows_of_a_wall_are_no_conductors():
+    for seed in range(5):
+        points, wire = make_rack(seed=seed, num=12)
+        assert not look(points, cross(points, wire, 6, 7))[0].any()
 
 
 def test_the_order_of_curves_does_not_matter():
