@@ -49,6 +49,20 @@ def bridge(
 
     Starting from the longest, the curve whose points lie nearest to the continuation is tried
     first; the union must be explained by one catenary about as well as the parts are.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Tried in their order.
+    settings : CatenarySettings
+        Settings of the stage.
+
+    Returns
+    -------
+    tuple of Curve, longest first
+
     """
     alive = list(curves)
     rows = pack_curves(curves)
@@ -58,7 +72,7 @@ def bridge(
         while alive:
             miss = _measure_misses(row, rows, settings.max_bridge)
             for position in np.argsort(miss, kind='stable')[: np.isfinite(miss).sum()].tolist():
-                union = join(points, base, alive[position], settings)
+                union = _join(points, base, alive[position], settings)
                 if union is not None:
                     base, row = union, union.row
                     del alive[position]
@@ -99,7 +113,7 @@ def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
     return result
 
 
-def join(
+def _join(
     points: Float64, first: Curve, second: Curve, settings: CatenarySettings
 ) -> Curve | None:
     """Return one curve through the points of both, or None if they are not of one span."""

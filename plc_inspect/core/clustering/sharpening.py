@@ -80,41 +80,39 @@ def sharpen(x, y, w, bend):  # type: ignore[no-untyped-def]
         Aside and above [m].
 
     """
-    table = np.empty((TABLE, TABLE), dtype=np.int32)
-    low, num_bends = -bend, round(max(MOST_BEND, bend) / BEND_STEP) + 1
-    # slope and bend of all, their direction, and both more finely
-    best = np.array([0.0, 0.0, 0.0])
-    _try_all(x, y, w, best, 0, 0.0, _reach(MOST_RISE, STEPS[0]), STEPS[0], low, num_bends,
-             BEND_STEP, CELLS[0], table)
-    _try_all(x, y, w, best, _reach(MOST_TURN, STEPS[1]), STEPS[1], 0, 0.0, best[2], 1, 0.0,
-             CELLS[1], table)
-    _try_all(x, y, w, best, 0, 0.0, _reach(STEPS[0], STEPS[1]), STEPS[1],
-             best[2] - BEND_STEP, 2 * FINER + 1, BEND_STEP / FINER, CELLS[1], table)
+    none = np.zeros(1)
+    bends = BEND_STEP * np.arange(round(max(MOST_BEND, bend) / BEND_STEP) + 1.0) - bend
+    best = (0.0, 0.0, 0.0)
+    # slope and bend of all, their azimuth, and slope and bend more finely
+    best = _try_all(x, y, w, best, none, _list_steps(MOST_RISE, STEPS[0]), bends, CELLS[0])
+    best = _try_all(x, y, w, best, _list_steps(MOST_TURN, STEPS[1]), none, none, CELLS[1])
+    bends = _list_steps(BEND_STEP, BEND_STEP / FINER)
+    best = _try_all(x, y, w, best, none, _list_steps(STEPS[0], STEPS[1]), bends, CELLS[1])
     turn, rise, more = best
     return y - turn * x, w - rise * x - 0.5 * more * x * x
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _try_all(  # type: ignore[no-untyped-def]
-    x, y, w, best, num_turns, turn_step, num_rises, rise_step, low, num_bends, bend_step, cell,
-    table,
-):
-    """Set the sharpest of directions about the best one so far, and of bends from ``low`` on."""
-    turn, rise, bend = best
-    most = _count_pairs(x, y, w, turn, rise, bend, cell, table)
-    for i in range(-num_turns, num_turns + 1):
-        for j in range(-num_rises, num_rises + 1):
-            for k in range(num_bends):
-                tried = (turn + i * turn_step, rise + j * rise_step, low + k * bend_step)
-                pairs = _count_pairs(x, y, w, tried[0], tried[1], tried[2], cell, table)
-                if pairs > most:
-                    most = pairs
-                    best[0], best[1], best[2] = tried
+def _list_steps(most, step):  # type: ignore[no-untyped-def]
+    """List multiples of a step from -most to most."""
+    num = round(most / step)
+    return step * np.arange(-num, num + 1.0)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _reach(most, step):  # type: ignore[no-untyped-def]
-    return round(most / step)
+def _try_all(x, y, w, best, turns, rises, bends, cell):  # type: ignore[no-untyped-def]
+    """Return the sharpest of turns, rises and bends that are added to the best ones so far."""
+    table = np.empty((TABLE, TABLE), dtype=np.int32)
+    found = best
+    most = _count_pairs(x, y, w, best[0], best[1], best[2], cell, table)
+    for turn in turns:
+        for rise in rises:
+            for bend in bends:
+                tried = (best[0] + turn, best[1] + rise, best[2] + bend)
+                pairs = _count_pairs(x, y, w, tried[0], tried[1], tried[2], cell, table)
+                if pairs > most:
+                    most, found = pairs, tried
+    return found
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -149,6 +147,8 @@ def find_dots(x, y, w, half):  # type: ignore[no-untyped-def]
 
     """
     num, length = len(x), max(PIECE, 2.0 * half / BITS)
+    if num == 0:
+        return np.empty(0, dtype=np.int64)
     least = max(DOT_SHARE * math.floor(2.0 * half / length), 1.0)
     order = np.argsort(w)
     y, w = y[order], w[order]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from toys import make_curve, make_wire, turn
 
+from plc_inspect.core.catenary import cutting
 from plc_inspect.core.catenary.curve import fit_curve
 from plc_inspect.core.catenary.cutting import (
     cut_together,
@@ -104,6 +105,16 @@ def test_one_that_turns_by_less_than_a_degree_is_cut_there(yaw):
         curve = make_curve(points, np.arange(len(points)), 0.3)
         lengths = [part.length for part in cut_turned(points, curve)]
         assert sorted(lengths) == pytest.approx([37.0, 49.0], abs=1.5)
+
+
+@pytest.mark.parametrize('beyond', [-1.0, 0.0])
+def test_one_that_turns_at_its_end_is_left_as_it_is(monkeypatch, beyond):
+    points, _ = make_rack((0.0, 49.0, 86.0), (0.0,), LOW_TOWER, per_metre=19.0)
+    points = turn_beyond(points, 49.0, 0.011)
+    curve = make_curve(points, np.arange(len(points)), 0.3)
+    end = curve.position(curve.low + beyond)[0, :2]
+    monkeypatch.setattr(cutting, '_settle_between', lambda *_: end)
+    assert cut_turned(points, curve) == [curve]
 
 
 @pytest.mark.parametrize('depth', [0.0, 0.3, -0.3])
