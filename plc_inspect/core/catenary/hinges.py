@@ -82,10 +82,11 @@ def find_hinge(
         return None
     # two pieces that meet aslant may part a little beside the hinge
     places = low + middle + 2.0 * CELL * np.arange(-HINGE_STEPS, HINGE_STEPS + 1)
-    above = [(*_fit_hinge(x - place, z, track, 2), place) for place in places.tolist()]
-    beside = [(*_fit_hinge(x - place, aside, track, 1), place) for place in places.tolist()]
-    (error, rise, kink, weight, place), (more, swing, turn, sure, _) = min(
-        zip(above, beside, strict=True), key=lambda item: item[0][0] + item[1][0]
+    above, beside = _fit_hinges(x, z, track, places, 2), _fit_hinges(x, aside, track, places, 1)
+    best = int((above[:, 0] + beside[:, 0]).argmin())
+    place = float(places[best])
+    (error, rise, kink, weight), (more, swing, turn, sure) = (
+        above[best].tolist(), beside[best].tolist()
     )
     if error + more - parts > (1.0 - HINGE_SHARE) * doubt * growth:
         return None
@@ -110,22 +111,36 @@ def _part_in_two(x, y, z, track):  # type: ignore[no-untyped-def]
     return bounds[1] * CELL, parts, solve_all(before, 0, last) - parts
 
 
-def _fit_hinge(
-    x: Float64, values: Float64, track: Int64, degree: int
-) -> tuple[float, float, float, float]:
-    """Return the squared error of tracks with a hinge at 0, its gain, mean bend and weight."""
-    error = gain = bend = weight = 0.0
+def _fit_hinges(
+    x: Float64, values: Float64, track: Int64, places: Float64, degree: int
+) -> Float64:
+    """
+    Fit tracks with a hinge at each of some places.
+
+    Returned are (P, 4) squared errors, what the hinges gain, mean bends, and their weights.
+    """
+    result = np.zeros((len(places), 4))
     for number in range(int(track.max()) + 1):
         own = track == number
         if own.sum() < 2 * MIN_SIDE_POINTS:
             continue
-        fall, share, rest = fit_kinked(x[own], values[own], degree)
-        sure = 1.0 / max(float(share @ share), LEAST)
-        error += float(rest @ rest)
-        gain += sure * fall**2
-        bend -= sure * fall
-        weight += sure
-    return error, gain, bend / max(weight, LEAST), max(weight, LEAST)
+        length = float(np.ptp(x[own])) or 1.0
+        along = (x[own] - places[:, None]) / length
+        level = values[own] - values[own].mean()
+        columns = np.stack([
+            *(along**power for power in range(degree + 1)), np.minimum(along, 0.0)
+        ], axis=1)
+        inverse = np.linalg.pinv(columns @ columns.transpose(0, 2, 1), hermitian=True)
+        sums = columns @ level
+        model = (inverse @ sums[:, :, None])[:, :, 0]
+        fall, sure = model[:, -1] / length, length**2 / np.maximum(inverse[:, -1, -1], LEAST)
+        result[:, 0] += level @ level - (model * sums).sum(axis=1)
+        result[:, 1] += sure * fall**2
+        result[:, 2] -= sure * fall
+        result[:, 3] += sure
+    result[:, 3] = np.maximum(result[:, 3], LEAST)
+    result[:, 2] /= result[:, 3]
+    return result
 
 
 def _is_swung(x: Float64, y: Float64, track: Int64, error: float) -> bool:
