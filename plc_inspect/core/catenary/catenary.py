@@ -135,11 +135,9 @@ def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
 
 @njit(cache=True, nogil=True)
 def _heights(x, middle, shape):  # type: ignore[no-untyped-def]
-    h, g, k = shape[0], shape[1], shape[2]
-    base, root = math.asinh(g), math.sqrt(1.0 + g * g)
     result = np.empty(len(x))
     for m in range(len(x)):
-        result[m] = h + (math.cosh(k * (x[m] - middle) + base) - root) / k
+        result[m] = height_at(middle, shape[0], shape[1], shape[2], x[m])
     return result
 
 

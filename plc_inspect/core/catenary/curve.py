@@ -33,10 +33,12 @@ from plc_inspect.core.catenary.curve_row import (
     RMSE,
     ROW,
     SIN,
+    SLOPE,
     to_local,
     TOLERANCE,
     TURN_SIGMA,
 )
+from plc_inspect.core.catenary.solver import height_at
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int32, Int64
@@ -111,11 +113,8 @@ class Curve:
                 east + math.cos(self.azimuth) * x, north + math.sin(self.azimuth) * x,
                 self.fit.height(x),
             ]])
-        x = np.atleast_1d(np.asarray(x, dtype=np.float64))
-        result = np.empty((len(x), 3))
-        result[:, 0] = self.origin[0] + math.cos(self.azimuth) * x
-        result[:, 1] = self.origin[1] + math.sin(self.azimuth) * x
-        result[:, 2] = self.fit.height(x)
+        places = np.ascontiguousarray(x, dtype=np.float64)
+        result: Float64 = _positions(np.atleast_1d(places), self.row)
         return result
 
     def prediction_sigma(self, x: Float64) -> Float64:
@@ -146,6 +145,16 @@ def _to_locals(points, row):  # type: ignore[no-untyped-def]
     for k in range(len(points)):
         x[k], y[k] = to_local(row, points[k, 0], points[k, 1])
     return x, y
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _positions(x, row):  # type: ignore[no-untyped-def]
+    result = np.empty((len(x), 3))
+    for k in range(len(x)):
+        result[k, 0] = row[ORIGIN_X] + row[COS] * x[k]
+        result[k, 1] = row[ORIGIN_Y] + row[SIN] * x[k]
+        result[k, 2] = height_at(row[MIDDLE], row[HEIGHT], row[SLOPE], row[CURVATURE], x[k])
+    return result
 
 
 def fit_curve(
