@@ -22,6 +22,7 @@ from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, 
 from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.evidence.built import are_held, RAIL
 from plc_inspect.core.evidence.free_length import measure_free_length
+from plc_inspect.core.evidence.roof_rows import are_roof_rows
 from plc_inspect.core.evidence.validation import add_up, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult, STEEPEST_DEG
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -275,6 +276,7 @@ def _find_curves(
         if not (is_thick(curve) or is_scan_line(curve)) and _leaves(curve, support):
             curves.append(curve)
     curves = list(drop_duplicates(points, extend(points, index, curves, limits), limits))
+    curves = list(compress(curves, ~are_roof_rows(curves, cloud.height.ground)))
     known, wire = wire, wire.copy()
     for curve in curves:
         wire[profile_curve(points, index, curve, curve.low, curve.high).chosen] = True

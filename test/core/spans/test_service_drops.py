@@ -169,3 +169,19 @@ def test_a_deck_seen_in_lines_at_a_pole_has_no_taps(apart):
     points, own = make_street(*[((45.0 + at, 1.0, 6.0), (45.0 + at, 15.0, 6.0)) for at in x])
     hidden = ~own & (np.abs(points[:, 0] - 45.0) < 4.5) & (points[:, 1] > 1.0) & (points[:, 2] < 1)
     assert Pipeline().run(points[~hidden]).num_lines == 3
+
+
+@pytest.mark.parametrize('turn', [-0.13, 0.0])
+def test_rows_of_a_roof_beyond_the_last_pole_are_no_taps(turn):
+    rng = np.random.default_rng(9)
+    points, _ = make_street()
+    rows = []
+    for k in range(11):
+        x = np.arange(87.0, 97.5, 0.17) + rng.uniform(-0.03, 0.03, 62)
+        y = -0.6 + 0.6 * k + turn * (x - 90.0)
+        rows.append(np.column_stack([x, y, 4.6 + 0.7 * y + rng.normal(0.0, 0.01, 62)]))
+    roof = np.vstack(rows)
+    roof = roof[(roof[:, 1] >= -0.6) & (roof[:, 1] < 2.9)]
+    low, high = (87.0, -0.6), (97.5, 4.4)
+    below = ((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1) & (points[:, 2] < 0.5)
+    assert Pipeline().run(np.vstack([points[~below], roof])).num_lines == 3
