@@ -27,6 +27,7 @@ from plc_inspect.core.hazards.line_parts import DoubtfulCurves, POLE_REACH
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines, keep_surface
 from plc_inspect.core.numerics.arrays import take_rows
+from plc_inspect.core.numerics.threads import limit_threads
 from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
@@ -137,6 +138,13 @@ class Pipeline:
     def _trace(
         self, points: Float64, log: StageLog, east: Float64, whole: Whole | None = None,
         probes: Int64 | None = None,
+    ) -> Trace:
+        with limit_threads(len(points)):
+            return self._find_all(points, log, east, whole, probes)
+
+    def _find_all(
+        self, points: Float64, log: StageLog, east: Float64, whole: Whole | None,
+        probes: Int64 | None,
     ) -> Trace:
         # Returns of dusty air, about the way alone: they blur the lines that lie in them.
         is_lone = find_lone(points, self._way)

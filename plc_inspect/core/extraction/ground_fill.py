@@ -28,12 +28,14 @@ def keep(surface: Float32, chosen: Bool) -> Float32:
 
 def fill_near(values: Float32) -> Float32:
     """Fill NaN of (rows, columns) cells [m] from known ones near, WIDER; the others stay NaN."""
-    return fill(values, widen(shrink(values)))
+    means = _list_means(values)
+    return _fill_up(means, widen(means[-1]))
 
 
 def fill_all(values: Float32) -> Float32:
     """Fill NaN of (rows, columns) cells [m] from known ones, however far; a grid of NaN stays."""
-    return fill(values, widen_all(shrink(values)))
+    means = _list_means(values)
+    return _fill_up(means, widen_all(means[-1]))
 
 
 def widen(base: Float32) -> Float32:
@@ -67,7 +69,7 @@ def _fill_all(base: Float32) -> Float32:
     return result
 
 
-def fill(values: Float32, base: Float32, levels: int = LEVELS) -> Float32:
+def fill(values: Float32, base: Float32) -> Float32:
     """
     Fill NaN cells from a pyramid of means.
 
@@ -77,33 +79,42 @@ def fill(values: Float32, base: Float32, levels: int = LEVELS) -> Float32:
         [m]
     base : (rows, columns) float32
         Means of squares of FINE, widened; NaN where cells shall stay so [m].
-    levels : int
-        Of the pyramid, each of cells twice as large.
 
     Returns
     -------
     (rows, columns) float32
 
     """
-    if levels == 0:
-        return np.where(np.isnan(values), base, values)
-    result: Float32 = _fill_from(values, fill(_shrink(values), base, levels - 1))
-    return result
+    return _fill_up(_list_means(values), base)
 
 
 def shrink(values: Float32) -> Float32:
-    """Return means of known cells, (rows, columns) float32 [m], of 2 x 2 up to squares of FINE."""
+    """Return means of known cells, (rows, columns) float32 [m], in squares of FINE."""
+    return _list_means(values)[-1]
+
+
+def _list_means(values: Float32) -> list[Float32]:
+    """Return cells and the means of the known ones of 2 x 2, 4 x 4, up to squares of FINE."""
+    means = [values]
     for _ in range(LEVELS):
-        values = _shrink(values)
-    return values
+        means.append(_shrink(means[-1]))
+    return means
 
 
-@njit(cache=True, parallel=True, nogil=True)
+def _fill_up(means: list[Float32], base: Float32) -> Float32:
+    """Fill NaN of the first of these grids from those of larger cells, and at last the base."""
+    result = np.where(np.isnan(means[-1]), base, means[-1])
+    for finer in means[-2::-1]:
+        result = _fill_from(finer, result)
+    return result
+
+
+@njit(cache=True, nogil=True)
 def _shrink(values):  # type: ignore[no-untyped-def]
     """Return the mean of the known cells of each 2 x 2, NaN where none is known."""
     rows, columns = values.shape
     result = np.empty(((rows + 1) // 2, (columns + 1) // 2), dtype=np.float32)
-    for row in prange(result.shape[0]):
+    for row in range(result.shape[0]):
         for column in range(result.shape[1]):
             total, count = 0.0, 0
             for r in range(2 * row, min(2 * row + 2, rows)):

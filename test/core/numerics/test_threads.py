@@ -1,17 +1,18 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+from contextlib import suppress
 import os
 import subprocess
 import sys
 import threading
 import time
 
-from numba import set_num_threads
+from numba import get_num_threads, set_num_threads
 import pytest
 
 from plc_inspect.core.numerics import threads as threads_module
-from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.numerics.threads import call_each, limit_threads, POINTS_OF_A_THREAD
 
 
 @pytest.fixture(params=[1, 2])
@@ -26,6 +27,14 @@ def threads(request):
 def test_results_are_in_order(num, least, threads, monkeypatch):
     monkeypatch.setattr(threads_module, 'LEAST_WORK', least)
     assert call_each(lambda k: k * k, num) == [k * k for k in range(num)]
+
+
+@pytest.mark.parametrize(('num', 'most'), [(0, 1), (1, 1), (2, 2), (9, 2)])
+def test_few_points_get_few_threads(num, most, threads):
+    with suppress(ValueError), limit_threads(num * POINTS_OF_A_THREAD):
+        assert get_num_threads() == min(most, threads)
+        raise ValueError('in the middle')
+    assert get_num_threads() == threads
 
 
 def test_work_is_shared(threads):
