@@ -23,6 +23,7 @@ from plc_inspect.core.hazards.strands import measure_distances
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.hazards.wires import find_lines, FREE_LENGTH
 from plc_inspect.core.numerics.grouping import group_cells
+from plc_inspect.core.spans.point_claims import FREE_RADIUS
 from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int64, Support
@@ -79,9 +80,10 @@ more, one that was seen in part had 0.14.
 """
 HELD = 0.95
 """
-Share of the points of a tree at the end of a span from which on it is of the support.
+Share of the points of a tree at the end of a span, or at conductors, from which on it is of the
+support.
 Source: judgement; one of 35 on a pole's head lay beyond, where a service drop begins (random scene
-272016, planted).
+272016, planted); five of 60, on wires, where drift doubled a pole (289004).
 """
 FEW_POINTS = 10
 """Points fewer than which show no crown.  Source: judgement; not measured."""
@@ -209,7 +211,8 @@ def find_falling_trees(
     top[tree[order]] = order
     feet = points[top].copy()
     feet[:, 2] -= height[top]
-    found, distance, owner = find_near(feet, tabulate(models), FALL_REACH + TALLEST)
+    table = tabulate(models)
+    found, distance, owner = find_near(feet, table, FALL_REACH + TALLEST)
     gaps = measure_distances(
         feet[found], distance.astype(np.float64), owner.astype(np.int64), models,
         FALL_REACH + TALLEST,
@@ -241,7 +244,9 @@ def find_falling_trees(
         if taken.get(number, 0) >= severity:
             continue
         model, own = models[span], points[tree == number]
-        if is_held(own, model, supports).mean() >= HELD:
+        held = is_held(own, model, supports)
+        held[find_near(own, table, FREE_RADIUS)[0]] = True  # insulators, returns of wires
+        if held.mean() >= HELD:
             continue
         if pole[number] and _is_at_end(points[top[number]], model):
             continue

@@ -239,13 +239,16 @@ def test_falling_trees(foot, falls):
     assert not any(item.kind == HazardKind.FALL_IN for item in search(cone, models))
 
 
-@pytest.mark.parametrize(('num', 'falls'), [(1, False), (12, True)])
-def test_the_head_of_a_pole_is_no_tree_for_a_point_that_reaches_beyond(num, falls):
+@pytest.mark.parametrize(('num', 'below', 'falls'), [
+    (1, 3.0, False), (12, 3.0, True),
+    pytest.param(12, 0.7, False, id='returns of the wires that it holds'),
+])
+def test_the_head_of_a_pole_is_no_tree_for_points_that_reach_beyond(num, below, falls):
     models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     rng = np.random.default_rng(6)
     head = np.vstack([
         rng.uniform((-1.2, -0.9, 9.0), (1.2, 0.9, 11.8), (40, 3)),
-        rng.uniform((1.6, -0.9, 9.0), (2.4, 0.9, 11.4), (num, 3)),
+        rng.uniform((1.6, -0.9, HEIGHT - below), (2.4, 0.9, HEIGHT - 0.6), (num, 3)),
     ])
     nothing = np.zeros(len(head), dtype=bool)
     found = find_falling_trees(
