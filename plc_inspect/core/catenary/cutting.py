@@ -24,8 +24,6 @@ were seen from the cut on [m], or of the whole's points a metre, at least.
 Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
 over a support between the wires of a rack has a tenth of its points there.
 """
-LEAST_HINGED = 3
-"""Conductors that show a hinge together, at least.  Source: judgement."""
 DOUBT = 2.0
 """
 By how much less is asked of a hinge where something else must tell of a support.
@@ -272,9 +270,7 @@ def _find_shared(points: Float64, group: Sequence[Curve]) -> list[list[float]]:
     """List for each curve of a group where it is bent as the others are [m along it]."""
     axis = group[0]
     x, _, z, track = _gather(points, group)
-    breaks = _find_sure(x, z, track)
-    if len(group) >= LEAST_HINGED:
-        breaks = _add_hinges(x, z, track, breaks)
+    breaks = _add_hinges(x, z, track, _find_sure(x, z, track))
     bounds = [-math.inf, *(item.x for item in breaks), math.inf]
     result: list[list[float]] = [[] for _ in group]
     for item, low, high in zip(breaks, bounds[:-2], bounds[2:], strict=True):
