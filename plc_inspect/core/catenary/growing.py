@@ -117,7 +117,7 @@ Source: judgement; not measured.
 
 def extend(
     points: Float64, index: PlanIndex, curves: Sequence[Curve], settings: CatenarySettings,
-    others: Sequence[Curve] = (),
+    others: Sequence[Curve] = (), *, apart: bool = False,
 ) -> list[Curve]:
     """
     Let curves take in the points along them, within their ends and beyond, as far as they go.
@@ -139,6 +139,9 @@ def extend(
         Settings of this stage.
     others : sequence of Curve
         Further curves, whose points are left to them likewise.
+    apart : bool
+        Whether curves beside each other are known to be different conductors, unless they lie on
+        each other: then each leaves to the others what is nearer to them.
 
     Returns
     -------
@@ -152,7 +155,7 @@ def extend(
     rows = pack_curves(known)
     grid = index.grid
     near = find_near(curves, settings.max_bridge, known)
-    barred = call_each(lambda k: _bar(rows, k, near.of(k)), len(curves))
+    barred = call_each(lambda k: _bar(rows, k, near.of(k), apart), len(curves))
     owner = _claim(points, index, rows, np.unique(np.concatenate(barred)))
     grown = call_each(
         lambda k: _extend(
@@ -187,7 +190,7 @@ def _claim(points: Float64, index: PlanIndex, rows: Float64, wanted: Int64) -> I
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _bar(rows, number, near):  # type: ignore[no-untyped-def]
+def _bar(rows, number, near, apart):  # type: ignore[no-untyped-def]
     """Return the owners near a curve, by its number, that it does not go on in."""
     barred = np.zeros(len(near), dtype=np.bool_)
     for place in range(len(near)):
@@ -195,19 +198,24 @@ def _bar(rows, number, near):  # type: ignore[no-untyped-def]
         if other == number or rows[other, HIGH] - rows[other, LOW] < OWNER_LENGTH:
             continue
         # the same for both of a pair
-        barred[place] = not _may_be_one(rows[max(number, other)], rows[min(number, other)])
+        one, two = max(number, other), min(number, other)
+        barred[place] = not _may_be_one(rows[one], rows[two], apart)
     return near[barred]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _may_be_one(row, other):  # type: ignore[no-untyped-def]
-    """Tell whether two curves lie beside each other, or meet without an offset or a kink."""
+def _may_be_one(row, other, apart):  # type: ignore[no-untyped-def]
+    """
+    Tell whether two curves lie beside each other, or meet without an offset or a kink.
+
+    Those beside each other are looked at likewise where they are known to be ``apart``.
+    """
     # where the other one begins and ends along this one
     first, _ = to_local(row, *plan_of(other, other[LOW]))
     last, _ = to_local(row, *plan_of(other, other[HIGH]))
     start, end = max(row[LOW], min(first, last)), min(row[HIGH], max(first, last))
     shorter = min(row[HIGH] - row[LOW], other[HIGH] - other[LOW])
-    if end - start > BESIDE_SHARE * shorter:
+    if end - start > BESIDE_SHARE * shorter and not apart:
         return True
     # both curves in the middle of the gap, or of what they have in common
     x = 0.5 * (start + end)

@@ -221,22 +221,24 @@ def find_curves(
     settings: CatenarySettings,
     rng: np.random.Generator,
     others: Sequence[Curve] = (),
+    *,
+    apart: bool = False,
 ) -> tuple[tuple[Curve, ...], tuple[Curve, ...]]:
     """
     Return all curves of the tracks, grown, joined and freed of duplicates, before evidence.
 
-    They leave to ``others`` the points of these.  Further returned are thin curves that were
-    taken for parts of them.
+    They leave to ``others`` the points of these, and to each other where they are known to be
+    ``apart``, as for `extend`.  Further returned are thin curves taken for parts of them.
     """
     curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
-    grown = _cut_turned(points, extend(points, index, curves, settings, others))
+    grown = _cut_turned(points, extend(points, index, curves, settings, others, apart=apart))
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     fresh = [curve for curve in curves if id(curve) not in done]
     again = iter(extend(
         points, index, fresh, settings,
-        [*others, *(curve for curve in curves if id(curve) in done)],
+        [*others, *(curve for curve in curves if id(curve) in done)], apart=apart,
     ))
     long = _cut_turned(
         points, [curve if id(curve) in done else next(again) for curve in curves]
@@ -257,7 +259,7 @@ def _unmix(
     if not mixed.any():
         return curves
     rest = [curve for curve, is_mixed in zip(curves, mixed.tolist(), strict=True) if not is_mixed]
-    found, _ = find_curves(points, index, tracks, settings, rng, rest)
+    found, _ = find_curves(points, index, tracks, settings, rng, rest, apart=True)
     return drop_duplicates(points, [*rest, *found], settings)
 
 

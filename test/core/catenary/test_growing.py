@@ -113,6 +113,25 @@ def test_a_rack_does_not_grow_over_its_supports_into_the_wires_beside(as_others)
 
 
 @pytest.mark.parametrize('seed', [1, 2])
+def test_wires_that_are_known_to_be_apart_keep_their_points(seed):
+    rng = np.random.default_rng(seed)
+    points, owner = hang_rack((0.0, 30.0), apart=0.3, num=3)
+    points += rng.normal(0.0, 0.07, points.shape)
+    index = make_index(points)
+    # the third is seen twice, in halves that are one
+    half = points[:, 0] < 15.0
+    chosen = [owner == 0, owner == 1, (owner == 2) & half, (owner == 2) & ~half]
+    curves = [make_curve(points, np.flatnonzero(own), tolerance=0.25) for own in chosen]
+    found = extend(points, index, curves, SETTINGS, apart=True)
+    for grown, number in zip(found, (0, 1, 2, 2), strict=True):
+        assert (owner[grown.points] == number).mean() > 0.9
+        assert grown.length > 27.0
+    # else each takes what lies near it
+    middle = extend(points, index, curves, SETTINGS)[1]
+    assert (owner[middle.points] == 1).mean() < 0.75
+
+
+@pytest.mark.parametrize('seed', [1, 2])
 def test_a_wire_does_not_grow_over_its_support_onto_another_of_the_next_span(seed):
     """Beyond the pole a rack rises, so that the next wire comes to where it would be."""
     own = make_wire((0.0, 0.0, 10.7), (22.0, 0.0, 10.0), c=340.0, per_metre=30.0, noise=0.045,
