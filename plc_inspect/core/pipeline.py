@@ -27,7 +27,7 @@ from plc_inspect.core.hazards.line_parts import DoubtfulCurves, POLE_REACH
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines, keep_surface
 from plc_inspect.core.numerics.arrays import take_rows
-from plc_inspect.core.numerics.threads import limit_threads
+from plc_inspect.core.numerics.threads import call_in_few
 from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
@@ -139,8 +139,9 @@ class Pipeline:
         self, points: Float64, log: StageLog, east: Float64, whole: Whole | None = None,
         probes: Int64 | None = None,
     ) -> Trace:
-        with limit_threads(len(points)):
-            return self._find_all(points, log, east, whole, probes)
+        return call_in_few(
+            len(points), lambda: self._find_all(points, log, east, whole, probes)
+        )
 
     def _find_all(
         self, points: Float64, log: StageLog, east: Float64, whole: Whole | None,

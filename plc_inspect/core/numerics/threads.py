@@ -4,9 +4,8 @@
 """Calls kernels in threads, for work in few, large pieces."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import cache
 import time
 from typing import TypeVar
@@ -35,10 +34,9 @@ def _open_pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(thread_name_prefix='call_each')
 
 
-@contextmanager
-def limit_threads(num_points: int) -> Iterator[None]:
+def call_in_few(num_points: int, function: Callable[[], T]) -> T:
     """
-    Let kernels and `call_each` use no more threads than some points are worth.
+    Call a function in which kernels and `call_each` use no more threads than points are worth.
 
     A pass over few points is a hundred and more short parallel regions, at whose ends all threads
     wait for the last one: the longer, the less of the machine is free.
@@ -46,7 +44,7 @@ def limit_threads(num_points: int) -> Iterator[None]:
     before = get_num_threads()
     set_num_threads(min(before, max(1, num_points // POINTS_OF_A_THREAD)))
     try:
-        yield
+        return function()
     finally:
         set_num_threads(before)
 

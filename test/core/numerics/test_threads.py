@@ -1,7 +1,6 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-from contextlib import suppress
 import os
 import subprocess
 import sys
@@ -12,7 +11,11 @@ from numba import get_num_threads, set_num_threads
 import pytest
 
 from plc_inspect.core.numerics import threads as threads_module
-from plc_inspect.core.numerics.threads import call_each, limit_threads, POINTS_OF_A_THREAD
+from plc_inspect.core.numerics.threads import (
+    call_each,
+    call_in_few,
+    POINTS_OF_A_THREAD,
+)
 
 
 @pytest.fixture(params=[1, 2])
@@ -31,9 +34,10 @@ def test_results_are_in_order(num, least, threads, monkeypatch):
 
 @pytest.mark.parametrize(('num', 'most'), [(0, 1), (1, 1), (2, 2), (9, 2)])
 def test_few_points_get_few_threads(num, most, threads):
-    with suppress(ValueError), limit_threads(num * POINTS_OF_A_THREAD):
-        assert get_num_threads() == min(most, threads)
-        raise ValueError('in the middle')
+    assert call_in_few(num * POINTS_OF_A_THREAD, get_num_threads) == min(most, threads)
+    assert get_num_threads() == threads
+    with pytest.raises(ZeroDivisionError):
+        call_in_few(num, lambda: 1 // 0)
     assert get_num_threads() == threads
 
 
