@@ -107,6 +107,14 @@ def test_one_that_turns_by_less_than_a_degree_is_cut_there(yaw):
         assert sorted(lengths) == pytest.approx([37.0, 49.0], abs=1.5)
 
 
+@pytest.mark.parametrize(('angle', 'num'), [(0.0027, 1), (0.011, 2)])
+def test_what_drift_turns_in_a_long_span_is_no_support(angle, num):
+    points, _ = make_rack((0.0, 290.0), (0.0,), LOW_TOWER[:2], per_metre=7.0)
+    points = turn_beyond(points, 190.0, angle)
+    curve = make_curve(points, np.arange(len(points)), 0.4)
+    assert len(cut_turned(points, curve)) == num
+
+
 @pytest.mark.parametrize('beyond', [-1.0, 0.0])
 def test_one_that_turns_at_its_end_is_left_as_it_is(monkeypatch, beyond):
     points, _ = make_rack((0.0, 49.0, 86.0), (0.0,), LOW_TOWER, per_metre=19.0)
