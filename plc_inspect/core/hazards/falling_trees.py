@@ -80,8 +80,8 @@ more, one that was seen in part had 0.14.
 """
 HELD = 0.95
 """
-Share of the points of a tree at the end of a span, or at conductors, from which on it is of the
-support.
+Share of the points of a tree at the end of a span from which on it is of the support; so it is
+where those that are not at conductors have it.
 Source: judgement; one of 35 on a pole's head lay beyond, where a service drop begins (random scene
 272016, planted); five of 60, on wires, where drift doubled a pole (289004).
 """
@@ -245,8 +245,8 @@ def find_falling_trees(
             continue
         model, own = models[span], points[tree == number]
         held = is_held(own, model, supports)
-        held[find_near(own, table, FREE_RADIUS)[0]] = True  # insulators, returns of wires
-        if held.mean() >= HELD:
+        away = np.delete(held, find_near(own, table, FREE_RADIUS)[0])  # from insulators and wires
+        if held.mean() >= HELD or (len(away) and away.mean() >= HELD):
             continue
         if pole[number] and _is_at_end(points[top[number]], model):
             continue

@@ -259,6 +259,19 @@ def test_the_head_of_a_pole_is_no_tree_for_points_that_reach_beyond(num, below, 
     assert bool(found) == falls
 
 
+def test_a_crown_about_a_conductor_is_not_taken_for_returns_of_it():
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    crown = np.random.default_rng(7).uniform((49.0, -0.4, -0.9), (51.0, 0.4, 0.6), (60, 3))
+    crown[:, 2] += HEIGHT - models[0].span.sag
+    nothing = np.zeros(len(crown), dtype=bool)
+    found = find_falling_trees(
+        Fallible(points=crown, height=crown[:, 2], surface=nothing, slender=nothing),
+        models, make_supports(), plain_rules(HazardSettings(fall_distance=1.0)),
+        HazardSettings(), (),
+    )
+    assert len(found) == 1
+
+
 def test_a_tree_that_is_a_hazard_where_it_stands_is_not_told_twice():
     models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     found = search(tree_beside(models[0], 40.0, 1.0), models, HazardSettings(fall_distance=1.0))
