@@ -77,7 +77,8 @@ def find_hinge(
     """
     if len(x) < 2 * MIN_SIDE_POINTS or np.ptp(x) < 4 * MIN_SIDE:
         return None
-    low, aside = float(x.min()), y * HINGE_MISFIT / TURN_MISFIT
+    scale = HINGE_MISFIT / TURN_MISFIT
+    low, aside = float(x.min()), y * scale
     middle, parts, growth = _part_in_two(x - low, aside, z, track)
     variance = max(parts, LEAST) / len(x)
     if growth < max(HINGE_SIGMAS**2 * variance, HINGE_MISFIT**2 * len(x)) / doubt**2:
@@ -95,12 +96,12 @@ def find_hinge(
     if rise >= swing:
         is_bent = kink <= -max(MIN_HINGE, HINGE_SIGMAS * math.sqrt(variance / weight)) / doubt
     else:
-        least = MIN_HINGE * HINGE_MISFIT / TURN_MISFIT
-        is_bent = abs(turn) >= max(least, HINGE_SIGMAS * math.sqrt(variance / sure)) / doubt
+        least = max(scale * MIN_HINGE, HINGE_SIGMAS * math.sqrt(variance / sure)) / doubt
+        is_bent = abs(turn) >= least
         is_bent = is_bent and not _is_swung(x - place, aside, track, more)
     if not is_bent:
         return None
-    return Break(x=place, kink=kink, turn=turn * TURN_MISFIT / HINGE_MISFIT)
+    return Break(x=place, kink=kink, turn=turn / scale)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -120,7 +121,8 @@ def _fit_hinges(
     """
     Fit tracks with a hinge at each of some places.
 
-    Returned are (P, 4) squared errors, what the hinges gain, mean bends, and their weights.
+    Returned are (P, 4) squared errors and what the hinges gain [m2], mean bends, and their
+    weights [m2].
     """
     result = np.zeros((len(places), 4))
     for number in range(int(track.max()) + 1):
@@ -130,9 +132,7 @@ def _fit_hinges(
         length = float(np.ptp(x[own])) or 1.0
         along = (x[own] - places[:, None]) / length
         level = values[own] - values[own].mean()
-        columns = np.stack([
-            *(along**power for power in range(degree + 1)), np.minimum(along, 0.0)
-        ], axis=1)
+        columns = _lay_columns(along, degree)
         inverse = np.linalg.pinv(columns @ columns.transpose(0, 2, 1), hermitian=True)
         sums = columns @ level
         model = (inverse @ sums[:, :, None])[:, :, 0]
@@ -157,18 +157,21 @@ def _is_swung(x: Float64, y: Float64, track: Int64, error: float) -> bool:
     return swung <= error
 
 
-def fit_kinked(
-    x: Float64, values: Float64, degree: int = 2
-) -> tuple[float, Float64, Float64]:
+def _lay_columns(along: Float64, degree: int) -> Float64:
+    """Return powers of (..., N) places and what adds a kink at 0, (..., degree + 2, N)."""
+    return np.stack([
+        *(along**power for power in range(degree + 1)), np.minimum(along, 0.0)
+    ], axis=-2)
+
+
+def fit_kinked(x: Float64, values: Float64) -> tuple[float, Float64, Float64]:
     """
-    Fit a parabola, or another polynomial, with a kink at 0.
+    Fit a parabola with a kink at 0.
 
     Parameters
     ----------
     x, values : (N,) float64
         Along a track, and up or aside [m].
-    degree : int
-        Of the polynomial.
 
     Returns
     -------
@@ -181,10 +184,7 @@ def fit_kinked(
 
     """
     length = (float(np.ptp(x)) if len(x) else 0.0) or 1.0
-    along = x / length
-    columns = np.column_stack([
-        *(along**power for power in range(degree + 1)), np.minimum(along, 0.0)
-    ])
+    columns = _lay_columns(x / length, 2).T
     inverse = np.linalg.pinv(columns)
     added = inverse @ values
     return float(added[-1]) / length, inverse[-1] / length, values - columns @ added
