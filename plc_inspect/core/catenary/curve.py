@@ -107,14 +107,7 @@ class Curve:
 
     def position(self, x: Float64 | float) -> Float64:
         """Return the (N, 3) points of the curve at (N,) x [m]."""
-        if isinstance(x, float):
-            east, north = self.origin.tolist()
-            return np.array([[
-                east + math.cos(self.azimuth) * x, north + math.sin(self.azimuth) * x,
-                self.fit.height(x),
-            ]])
-        places = np.ascontiguousarray(x, dtype=np.float64)
-        result: Float64 = _positions(np.atleast_1d(places), self.row)
+        result: Float64 = _positions(np.ascontiguousarray(x, dtype=np.float64), self.row)
         return result
 
     def prediction_sigma(self, x: Float64) -> Float64:
