@@ -5,10 +5,12 @@
 Contacts: where something thin touches a curve from below or from one side.
 
 The main cables of suspension bridges have hangers below them, and pipes rest on brackets, or
-between beams of a rack: they are touched at regular short intervals.
+between beams of a rack: they are touched at regular short intervals.  The frames of a rack bear
+all that runs along it, each tells of some of them.
 """
 
 from collections.abc import Sequence
+import math
 
 from numba import njit
 import numpy as np
@@ -16,14 +18,19 @@ import numpy as np
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.curve_row import (
     COS,
+    CURVATURE,
+    HEIGHT,
+    height_of,
     HIGH,
     LOW,
+    MIDDLE,
     open_row,
     ORIGIN_X,
     ORIGIN_Y,
     see_above,
     see_beside,
     SIN,
+    SLOPE,
     TOLERANCE,
 )
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
@@ -49,14 +56,35 @@ LONGEST_CONTACT = 3
 Cells that one contact takes, at most.
 Source: derived: a cross-beam of half a metre, wherever it lies in them; crowns are longer.
 """
-BELOW, LEFT, RIGHT = 0, 1, 2
-"""Sides of a curve, of which something may hold it.  Source: numerical."""
+BELOW, LEFT, RIGHT, RACK = 0, 1, 2, 3
+"""Sides of a curve, of which something may hold it, and what it lies on.  Source: numerical."""
+RACK_ROOM = 3.0
+"""
+Frames of a rack are looked for so far beside a curve [m].
+Source: derived: its posts, 2.5 m from its middle, and half a metre.
+"""
+RACK_ON = 15.0
+"""
+And so far beyond its ends [m].
+Source: derived: two bays: three frames are seen from any piece that lies over one.
+"""
+RACK_HIGH = 2.0
+"""Height between the pipes of one rack, at most [m].  Source: derived: its tiers."""
+RACK_TURN = math.cos(math.radians(3.0))
+"""Cosine of the turn between the pipes of one rack, at least.  Source: judgement."""
+SAME_FRAME = 1.0
+"""
+What bears two pipes within this, along them, is one frame [m].
+Source: derived: half of SHORTEST_BAY.
+"""
 NUM_LAYERS, LAYER, SOLID_SHARE = 5, 0.1, 0.5
 """
 Contacts are looked for in the first of so many layers, each so much deeper [m], that holds points
 along at most this share of the curve.
 Source: derived: the lower half of a pipe of a metre, seen along most of it.
 """
+LEVEL = 1e-9
+"""Curvature of a straight line [1/m].  Source: numerical: avoids a division by 0."""
 LEAST_EVEN = 3
 """Even intervals between contacts, at least.  Source: derived: two more that agree with one."""
 SHORTEST_BAY = 2.0
@@ -104,11 +132,54 @@ def find_held(
         Curves with contacts at even intervals.
 
     """
-    def is_held(number: int) -> bool:
-        contacts = _list_contacts(points, index.grid, curves[number].row, wire)
-        return any(is_regular(np.diff(own), longest, least[number]) for own in contacts)
+    found = call_each(
+        lambda k: _list_contacts(
+            points, index.grid, curves[k].row, _straighten(curves[k].row), wire
+        ), len(curves),
+    )
+    frames = _share_frames(curves, [frames for *_, frames in found])
+    return np.array([
+        any(is_regular(np.diff(x), longest, even) for x in (below, left, right))
+        or is_regular(np.diff(own), longest)
+        for (below, left, right, _), own, even in zip(found, frames, least, strict=True)
+    ], dtype=np.bool_)
 
-    return np.array(call_each(is_held, len(curves)), dtype=bool)
+
+def _straighten(row: Float64) -> Float64:
+    """Return the chord of a row's curve, longer by RACK_ON at both ends."""
+    chord, low, high = row.copy(), row[LOW], row[HIGH]
+    first, last = height_of(row, low), height_of(row, high)
+    chord[MIDDLE], chord[HEIGHT] = 0.5 * (low + high), 0.5 * (first + last)
+    chord[SLOPE], chord[CURVATURE] = (last - first) / (high - low), LEVEL
+    chord[LOW], chord[HIGH] = low - RACK_ON, high + RACK_ON
+    return chord
+
+
+def _share_frames(curves: Sequence[Curve], frames: Sequence[Float64]) -> list[Float64]:
+    """
+    Return x along each curve of the frames under it and under what runs along it, ascending [m].
+
+    ``frames`` has those under each alone.
+    """
+    if not curves:
+        return []
+    place = np.concatenate([curve.position(x) for curve, x in zip(curves, frames, strict=True)])
+    way = np.repeat(
+        np.array([curve.row[[COS, SIN]] for curve in curves]), [len(x) for x in frames], axis=0
+    )
+    result = []
+    for curve in curves:
+        x, y = curve.local(place)
+        shared = np.abs(way @ curve.row[[COS, SIN]]) >= RACK_TURN
+        shared &= np.abs(y) <= RACK_ROOM
+        shared &= np.abs(place[:, 2] - curve.fit.height(x)) <= RACK_HIGH
+        shared &= (x >= curve.low - RACK_ON) & (x <= curve.high + RACK_ON)
+        along = np.sort(x[shared])
+        parts = np.split(along, np.flatnonzero(np.diff(along) > SAME_FRAME) + 1)
+        own = np.array([part.mean() for part in parts if len(part)])
+        bears = bool(((own >= curve.low) & (own <= curve.high)).any())
+        result.append(own if bears else own[:0])
+    return result
 
 
 def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bool:
@@ -125,24 +196,29 @@ def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bo
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
-    """List x along a row's curve where something thin touches it from each of its sides [m]."""
-    low, high = row[LOW], row[HIGH]
-    places = _place_about(points, grid, row, wire)
-    num = int((high - low) / CONTACT_CELL) + 1
+def _list_contacts(points, grid, row, chord, wire):  # type: ignore[no-untyped-def]
+    """
+    List x along a row's curve where something thin touches it from each of its sides [m].
+
+    Last are those along its chord where something thin stands or lies across under that.
+    """
+    places = _place_about(
+        points, grid, row, wire, row[TOLERANCE] + NUM_LAYERS * LAYER + CONTACT_DEPTH
+    )
+    under = _place_about(points, grid, chord, wire, RACK_ROOM)
     return (
-        _list_on_side(places, row, num, BELOW), _list_on_side(places, row, num, LEFT),
-        _list_on_side(places, row, num, RIGHT),
+        _list_on_side(places, row, BELOW), _list_on_side(places, row, LEFT),
+        _list_on_side(places, row, RIGHT), _list_on_side(under, chord, RACK),
     )
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _place_about(points, grid, row, wire):  # type: ignore[no-untyped-def]
+def _place_about(points, grid, row, wire, aside):  # type: ignore[no-untyped-def]
     """Return (K, 3) places along, beside and above a row's curve of what may touch it [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     solid = row[TOLERANCE] + NUM_LAYERS * LAYER
-    aside, below = solid + CONTACT_DEPTH, solid + THIN_DEPTH
+    below = solid + THIN_DEPTH
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
@@ -161,9 +237,11 @@ def _place_about(points, grid, row, wire):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_on_side(places, row, num, side):  # type: ignore[no-untyped-def]
-    """List x along a row's curve, in ``num`` cells, where it is touched from one side [m]."""
+def _list_on_side(places, row, side):  # type: ignore[no-untyped-def]
+    """List x along a row's curve where it is touched from one side [m]."""
     low, high = row[LOW], row[HIGH]
+    num = int((high - low) / CONTACT_CELL) + 1
+    room = RACK_ROOM if side == RACK else CONTACT_ROOM
     touched, top = np.zeros(num, dtype=np.bool_), 0.0
     for layer in range(NUM_LAYERS):
         # beyond what is solid: a pipe is touched nowhere else
@@ -173,7 +251,7 @@ def _list_on_side(places, row, num, side):  # type: ignore[no-untyped-def]
             x = places[k, 0]
             across, away = _see_from(places[k], side)
             away -= top
-            if low <= x <= high and abs(across) < CONTACT_ROOM and 0.0 < away < CONTACT_DEPTH:
+            if low <= x <= high and abs(across) < room and 0.0 < away < CONTACT_DEPTH:
                 touched[int((x - low) / CONTACT_CELL)] = True
         if touched.mean() <= SOLID_SHARE:
             break
@@ -195,9 +273,11 @@ def _list_on_side(places, row, num, side):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def _see_from(place, side):  # type: ignore[no-untyped-def]
     """Return how far a place is across a side of a curve, and away from the curve that way [m]."""
-    if side == BELOW:
-        return place[1], -place[2]
-    return place[2], place[1] if side == LEFT else -place[1]
+    if side == LEFT:
+        return place[2], place[1]
+    if side == RIGHT:
+        return place[2], -place[1]
+    return place[1], -place[2]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -211,11 +291,12 @@ def _keep_thin(places, top, side, found):  # type: ignore[no-untyped-def]
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
     # aside, no more was gathered
     depth = THIN_DEPTH if side == BELOW else CONTACT_DEPTH
+    room, touch = (RACK_ROOM, RACK_ROOM) if side == RACK else (THIN_ROOM, CONTACT_ROOM)
     for n in range(len(places)):
         x = places[n, 0]
         across, away = _see_from(places[n], side)
         away -= top
-        if abs(across) >= THIN_ROOM or not 0.0 < away < depth:
+        if abs(across) >= room or not 0.0 < away < depth:
             continue
         after = np.searchsorted(found, x)
         for k in range(max(after - 1, 0), min(after + 1, len(found))):
@@ -224,7 +305,7 @@ def _keep_thin(places, top, side, found):  # type: ignore[no-untyped-def]
                 sums[k, 0] += 1.0
                 sums[k, 1] += d
                 sums[k, 2] += d * d
-                touching[k] += abs(across) < CONTACT_ROOM and away < CONTACT_DEPTH
+                touching[k] += abs(across) < touch and away < CONTACT_DEPTH
                 least[k, 0], most[k, 0] = min(least[k, 0], away), max(most[k, 0], away)
                 least[k, 1], most[k, 1] = min(least[k, 1], across), max(most[k, 1], across)
     kept, place = np.zeros(len(found), dtype=np.bool_), found.copy()

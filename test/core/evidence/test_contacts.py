@@ -78,6 +78,27 @@ def test_beams_beside_a_pipe_hold_it_as_brackets_below_do(side, spacing, held):
     assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [held]
 
 
+@pytest.mark.parametrize(('spacing', 'held'), [(6.2, True), (11.0, False)])
+def test_frames_of_a_rack_bear_all_that_runs_along_it(spacing, held):
+    # three pieces of pipes 1 m apart, none over more than two of the frames, seen with few points
+    rng = np.random.default_rng(8)
+    ends = [(2.0, 13.0, -1.0), (12.0, 24.0, 0.0), (22.0, 33.0, 1.0)]
+    pipes = [
+        np.column_stack([rng.uniform(low, high, 80), np.full(80, y), np.full(80, 5.0)])
+        + rng.normal(0.0, 0.03, (80, 3)) for low, high, y in ends
+    ]
+    frames = [
+        np.column_stack([rng.normal(x, 0.05, 8), np.r_[-1.8, 1.8, rng.uniform(-1.9, 1.9, 6)],
+                         np.r_[4.2, 4.2, np.full(6, 4.6)]])
+        for x in np.arange(3.0, 33.0, spacing)
+    ]
+    points = np.vstack([*pipes, *frames])
+    wire = np.arange(len(points)) < 240
+    curves = [make_curve(points, np.arange(80 * k, 80 * k + 80)) for k in range(3)]
+    found = find_held(points, make_index(points), curves, wire, 8.0, [3] * 3)
+    assert found.tolist() == [held] * 3
+
+
 def test_wires_beside_that_are_seen_in_scan_lines_hold_nothing():
     points, wire = touch(())
     cable = points[wire]
