@@ -134,6 +134,8 @@ class Structure:
     """(2,) plan position of its axis [m]."""
     top: float
     """Height of its highest point [m]."""
+    around: float = -math.inf
+    """Height of the highest point about it, of what is no conductor [m]."""
     kind: str
     """'pole' or 'tower'."""
 
@@ -243,15 +245,18 @@ def find_structure(
     level = height[found].astype(np.int64)
     column = _best_column(apart, level, stand)
     if column is not None:
-        if not stand.is_told:
-            around = index.strip(near + column, near + column, WALL_REACH)
-            around = around[~wire[around]]
-            if _is_of_wall(points[around, :2] - near - column, height[around], stand):
-                return None
+        around = index.strip(near + column, near + column, WALL_REACH)
+        around = around[~wire[around]]
+        beside = points[around, :2] - near - column
+        if not stand.is_told and _is_of_wall(beside, height[around], stand):
+            return None
         own = np.hypot(*(apart - column).T) <= COLUMN
         z = points[found[own], 2]
         top = float(z.max()) if stand.is_told else _find_top(z)
-        return Structure(position=near + column, top=top, kind='pole')
+        around = around[np.hypot(*beside.T) <= WALL_REACH]
+        return Structure(
+            position=near + column, top=top, around=float(points[around, 2].max()), kind='pole'
+        )
     first, last = stand.levels
     inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN
     found, apart, level = found[inside], apart[inside], level[inside]
@@ -262,9 +267,8 @@ def find_structure(
     if body.sum() < LEAST_BODY:
         return None
     low, high = np.percentile(apart[body], OUTER, axis=0)
-    return Structure(
-        position=near + (low + high) / 2, top=float(points[found, 2].max()), kind='tower'
-    )
+    top = float(points[found, 2].max())
+    return Structure(position=near + (low + high) / 2, top=top, around=top, kind='tower')
 
 
 def _best_column(apart: Float64, level: Int64, stand: Stand) -> Float64 | None:

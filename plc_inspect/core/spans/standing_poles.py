@@ -102,6 +102,8 @@ class StandingPole:
     """Height of the ground [m]."""
     top: float
     """Height of its highest point [m]."""
+    around: float = -math.inf
+    """Height of the highest point about it, of what is no conductor [m]."""
 
     def holds(self, curve: Curve) -> bool:
         """Tell whether a curve passes it, between its ends or beyond, as a conductor does."""
@@ -180,7 +182,7 @@ def cut_at_poles(
     """
     Cut curves at the poles that hold them, where both parts are longer than ``least`` [m].
 
-    What surely lacks the bend of a support, beside something that rises far above, passes a tree.
+    What surely lacks the bend of a support, where something rises far above, passes a tree.
 
     Parameters
     ----------
@@ -191,7 +193,7 @@ def cut_at_poles(
     poles : sequence of StandingPole
         As from `find_poles`.
     least : float
-        Least length of a part [m].
+        As above.
 
     Returns
     -------
@@ -201,12 +203,9 @@ def cut_at_poles(
     parts = list(curves)
     for pole in poles:
         held = [curve for curve in parts if pole.holds(curve)]
-        places = [curve.local_place(pole.position)[0] for curve in held]
-        heights = [float(c.fit.height(x)) for c, x in zip(held, places, strict=True)]
-        rises = pole.top > max(heights, default=math.inf) + MOST_ABOVE
-        parts = [
-            piece for curve in parts for piece in _cut(points, curve, pole, least, rises=rises)
-        ]
+        heights = [float(c.fit.height(c.local_place(pole.position)[0])) for c in held]
+        rises = max(pole.top, pole.around) > max(heights, default=math.inf) + MOST_ABOVE
+        parts = [part for c in parts for part in _cut(points, c, pole, least, rises=rises)]
     return parts
 
 
@@ -321,7 +320,7 @@ def _stand_at(
     if found is None or found.top < float(place[2]) - (TOP_METRES if is_told else MAX_BELOW):
         return None
     top = max(found.top, float(place[2])) if is_told else found.top
-    return StandingPole(position=found.position, base=base, top=top)
+    return StandingPole(position=found.position, base=base, top=top, around=found.around)
 
 
 def _list_columns(cloud: OffGround, rows: Float64, wire: Bool) -> list[Float64]:

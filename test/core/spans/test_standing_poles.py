@@ -153,6 +153,15 @@ def test_a_smooth_conductor_passes_what_rises_far_above_it(top, num):
     assert len(cut_at_poles(cloud.points, curves, poles, 6.0)) == num
 
 
+@pytest.mark.parametrize(('top', 'num'), [(9.5, 2), (11.5, 1)])
+def test_a_smooth_conductor_passes_the_edge_of_a_crown_that_rises_far_above_it(top, num):
+    edge, stem = make_pole(60.0, 0.1, 8.2), make_pole(60.0, 2.2, top)[:300]  # it has no arm
+    cloud, curves, poles = look(edge, stem, offsets=(0.0,))
+    assert len(poles) == 1
+    assert poles[0].top < 9.0
+    assert len(cut_at_poles(cloud.points, curves, poles, 6.0)) == num
+
+
 def test_ends_that_meet_at_a_pole_are_joined_once():
     cloud, curves, poles = look(make_pole(60.0, 0.1, 8.2), offsets=(0.0,))
     parts = cut_at_poles(cloud.points, curves, poles, 6.0)
