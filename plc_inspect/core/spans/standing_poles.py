@@ -22,7 +22,7 @@ from plc_inspect.core.catenary.curve_row import (
     see_beside,
     SIN,
 )
-from plc_inspect.core.catenary.cutting import cut_curve, measure_bend
+from plc_inspect.core.catenary.cutting import cut_curve, measure_bend, PARALLEL
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.extraction.structures import (
     COLUMN,
@@ -78,8 +78,8 @@ Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 
 """
 MOST_ABOVE = 2.0
 """
-Height above the highest conductor that it holds to which a pole rises, at most, that gives none of
-them a kink [m].
+Height above the highest conductor of a line that it holds to which a pole rises, at most, that
+gives none of them a kink [m].
 Source: measured: slender trees that passed for poles on random scenes rose 3.4 and 3.8 m above,
 poles of four real clouds at most 1.8 m.
 """
@@ -203,9 +203,7 @@ def cut_at_poles(
     parts = list(curves)
     for pole in poles:
         held = [curve for curve in parts if pole.holds(curve)]
-        heights = [float(c.fit.height(c.local_place(pole.position)[0])) for c in held]
-        rises = max(pole.top, pole.around) > max(heights, default=math.inf) + MOST_ABOVE
-        parts = [part for c in parts for part in _cut(points, c, pole, least, rises=rises)]
+        parts = [part for curve in parts for part in _cut(points, curve, pole, held, least)]
     return parts
 
 
@@ -256,11 +254,14 @@ def join_at_poles(
 
 
 def _cut(
-    points: Float64, curve: Curve, pole: StandingPole, least: float, *, rises: bool
+    points: Float64, curve: Curve, pole: StandingPole, held: Sequence[Curve], least: float
 ) -> list[Curve]:
     x, _ = curve.local_place(pole.position)
     if not curve.low + least < x < curve.high - least or not pole.holds(curve):
         return [curve]
+    line = [other for other in held if abs(math.sin(other.azimuth - curve.azimuth)) < PARALLEL]
+    highest = max(float(own.fit.height(own.local_place(pole.position)[0])) for own in line)
+    rises = max(pole.top, pole.around) > highest + MOST_ABOVE
     if rises and are_unbent([_measure_lack(points, curve, x)]):
         return [curve]
     return cut_curve(points, curve, pole.position)

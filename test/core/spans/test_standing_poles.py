@@ -162,6 +162,17 @@ def test_a_smooth_conductor_passes_the_edge_of_a_crown_that_rises_far_above_it(t
     assert len(cut_at_poles(cloud.points, curves, poles, 6.0)) == num
 
 
+def test_a_smooth_conductor_passes_the_pole_of_a_line_that_crosses_above():
+    low = make_wire((0.0, 0.0, 12.0), (120.0, 0.0, 12.0), c=450.0)
+    high = make_wire((20.0, -40.0, 15.8), (100.0, 40.0, 15.8), c=450.0, seed=1)
+    points = np.vstack([low, high])
+    ends = [0, len(low), len(points)]
+    curves = [make_curve(points, np.arange(*part)) for part in pairwise(ends)]
+    pole = StandingPole(position=np.array([60.0, 0.0]), base=0.0, top=12.4)
+    parts = cut_at_poles(points, curves, [pole], 6.0)
+    assert sorted(round(part.length, -1) for part in parts) == [60, 60, 120]
+
+
 def test_ends_that_meet_at_a_pole_are_joined_once():
     cloud, curves, poles = look(make_pole(60.0, 0.1, 8.2), offsets=(0.0,))
     parts = cut_at_poles(cloud.points, curves, poles, 6.0)
