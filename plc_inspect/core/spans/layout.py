@@ -16,12 +16,9 @@ from plc_inspect.core.catenary.curve_row import TOLERANCE
 from plc_inspect.core.catenary.cutting import cut_together
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
 from plc_inspect.core.spans.joints import find_joints, Joint
-from plc_inspect.core.spans.standing_poles import (
-    cut_at_poles,
-    join_at_poles,
-    StandingPole,
-)
+from plc_inspect.core.spans.standing_poles import join_at_poles, StandingPole
 from plc_inspect.core.spans.stations import (
+    cut_at_poles,
     cut_at_stations,
     group_joints,
     hang_apart,

@@ -22,7 +22,6 @@ from plc_inspect.core.catenary.curve_row import (
     see_beside,
     SIN,
 )
-from plc_inspect.core.catenary.cutting import cut_curve, measure_bend, PARALLEL
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.extraction.structures import (
     COLUMN,
@@ -37,14 +36,7 @@ from plc_inspect.core.extraction.structures import (
 )
 from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import (
-    describe_joint,
-    Joint,
-    MAX_MISS,
-    MAX_TURN,
-    MIN_RISE,
-    TURN_SIGMAS,
-)
+from plc_inspect.core.spans.joints import describe_joint, Joint, MAX_MISS, MAX_TURN
 from plc_inspect.results import Bool, Float64
 
 BESIDE = 1.0
@@ -76,21 +68,8 @@ Share of the points of four by four cells that the inner four hold where a pole 
 Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 0.5, in a crown
 0.25.
 """
-MOST_ABOVE = 2.0
-"""
-Height above the highest conductor of a line that it holds to which a pole rises, at most, that
-gives none of them a kink [m].
-Source: measured: slender trees that passed for poles on random scenes rose 3.4 and 3.8 m above,
-poles of four real clouds at most 1.8 m.
-"""
-LEAST_SIGMA = 1e-6
-"""Standard deviation of a bend, at least.  Source: numerical: avoids a division by 0."""
-
 HIGHEST = 62
 """Metres above ground that are told apart.  Source: numerical: bits of an integer."""
-
-Lack = tuple[float, float]  # of the bend that a support gives, as a slope, and its sigma
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StandingPole:
@@ -176,37 +155,6 @@ def find_poles(
     return tuple(poles)
 
 
-def cut_at_poles(
-    points: Float64, curves: Sequence[Curve], poles: Sequence[StandingPole], least: float
-) -> list[Curve]:
-    """
-    Cut curves at the poles that hold them, where both parts are longer than ``least`` [m].
-
-    What surely lacks the bend of a support, where something rises far above, passes a tree.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    curves : sequence of Curve
-        Conductors.
-    poles : sequence of StandingPole
-        As from `find_poles`.
-    least : float
-        As above.
-
-    Returns
-    -------
-    list of Curve
-
-    """
-    parts = list(curves)
-    for pole in poles:
-        held = [curve for curve in parts if pole.holds(curve)]
-        parts = [part for curve in parts for part in _cut(points, curve, pole, held, least)]
-    return parts
-
-
 def join_at_poles(
     curves: Sequence[Curve], joints: Sequence[Joint], poles: Sequence[StandingPole], room: float
 ) -> tuple[Joint, ...]:
@@ -251,33 +199,6 @@ def join_at_poles(
                 used |= keys
                 result.append(_join(curves, first, second, miss))
     return tuple(result)
-
-
-def _cut(
-    points: Float64, curve: Curve, pole: StandingPole, held: Sequence[Curve], least: float
-) -> list[Curve]:
-    x, _ = curve.local_place(pole.position)
-    if not curve.low + least < x < curve.high - least or not pole.holds(curve):
-        return [curve]
-    line = [other for other in held if abs(math.sin(other.azimuth - curve.azimuth)) < PARALLEL]
-    highest = max(float(own.fit.height(own.local_place(pole.position)[0])) for own in line)
-    rises = max(pole.top, pole.around) > highest + MOST_ABOVE
-    if rises and are_unbent([_measure_lack(points, curve, x)]):
-        return [curve]
-    return cut_curve(points, curve, pole.position)
-
-
-def are_unbent(lacks: Sequence[Lack]) -> bool:
-    """Tell whether curves, L > 0 taken together, surely lack the bend of a support [-]."""
-    lack, sigma = np.array(lacks).T
-    sure = 1.0 / np.maximum(sigma, LEAST_SIGMA) ** 2
-    return float(lack @ sure / sure.sum()) > MIN_RISE + TURN_SIGMAS / math.sqrt(float(sure.sum()))
-
-
-def _measure_lack(points: Float64, curve: Curve, x: float) -> Lack:
-    """Measure by how much less a curve is bent at x [m] than if it hung there, in two spans."""
-    bend, sigma = measure_bend(points, curve, x)
-    return 0.5 * curve.length * float(curve.fit.shape[2]) - bend, sigma
 
 
 def _find_end(number: int, curve: Curve, pole: StandingPole, room: float) -> _PoleEnd | None:

@@ -12,7 +12,8 @@ from plc_inspect.config import Settings
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
 from plc_inspect.core.spans.crossarms import find_crossarms
-from plc_inspect.core.spans.standing_poles import cut_at_poles, find_poles
+from plc_inspect.core.spans.standing_poles import find_poles
+from plc_inspect.core.spans.stations import cut_at_poles
 
 SETTINGS = Settings()
 LEVEL = 8.0  # of the conductors at the middle of 120 m

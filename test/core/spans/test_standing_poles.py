@@ -8,16 +8,12 @@ import pytest
 from toys import make_curve, make_ground, make_pole, make_tree, make_wire
 
 from plc_inspect.config import Settings
+from plc_inspect.core.catenary.cutting import cut_curve
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
 from plc_inspect.core.spans.layout import find_layout
-from plc_inspect.core.spans.standing_poles import (
-    cut_at_poles,
-    cut_curve,
-    find_poles,
-    join_at_poles,
-    StandingPole,
-)
+from plc_inspect.core.spans.standing_poles import find_poles, join_at_poles, StandingPole
+from plc_inspect.core.spans.stations import cut_at_poles
 
 SETTINGS = Settings()
 HIGH_PART = make_pole(60.0, 0.0, 8.2)[:, 2] > 6.2
@@ -171,6 +167,20 @@ def test_a_smooth_conductor_passes_the_pole_of_a_line_that_crosses_above():
     pole = StandingPole(position=np.array([60.0, 0.0]), base=0.0, top=12.4)
     parts = cut_at_poles(points, curves, [pole], 6.0)
     assert sorted(round(part.length, -1) for part in parts) == [60, 60, 120]
+
+
+@pytest.mark.parametrize(('end', 'num'), [(59.0, 2), (75.0, 1)])
+def test_a_conductor_that_runs_on_into_a_crown_is_cut_where_its_neighbour_ends(end, num):
+    wire = make_wire((0.0, 0.0, 12.0), (120.0, 0.0, 12.0), c=450.0)
+    beside = wire[wire[:, 0] < end] + np.array((0.0, 0.5, 0.0))
+    points = np.vstack([wire[wire[:, 0] < 75.0], beside])
+    curves = [
+        make_curve(points, np.flatnonzero(points[:, 1] < 0.25)),
+        make_curve(points, np.flatnonzero(points[:, 1] >= 0.25)),
+    ]
+    pole = StandingPole(position=np.array([60.0, 0.0]), base=0.0, top=8.2, around=14.0)
+    parts = cut_at_poles(points, curves, [pole], 6.0)
+    assert len(parts) == len(curves) - 1 + num
 
 
 def test_ends_that_meet_at_a_pole_are_joined_once():
