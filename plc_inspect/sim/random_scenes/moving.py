@@ -4,6 +4,7 @@
 """Moving scanners of the random scenes: a car with a push-broom, and a Puck Lite in flight."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -29,6 +30,8 @@ _FIRINGS = 937
 """Firings in one turn of a Puck Lite at 20 Hz."""
 _SPEED = 6.0
 """Speed of a flight [m/s]."""
+_LOWEST = 2.5
+"""Height of a flight above the ground, at least [m]."""
 
 
 def drive(scanner: Scanner, pattern: PushBroom, rng: np.random.Generator) -> Iterator[Beams]:
@@ -70,6 +73,10 @@ def follow(scanner: Scanner, pattern: PuckFlight, rng: np.random.Generator) -> I
     truth = fly(scene, FlightPlan(
         speed=_SPEED, lateral=pattern.lateral, height=pattern.height, margin=10.0,
     ), rng)
+    position = truth.position.copy()
+    lowest = scene.terrain.heights(position[:, :2]) + _LOWEST  # beside the line lies a hill
+    position[:, 2] = np.maximum(position[:, 2], lowest)
+    truth = replace(truth, position=position)
     odometry = drift(truth, OdometryErrors(drift=pattern.drift), rng)
     firing = np.repeat(np.arange(_FIRINGS), NUM_RINGS)
     rings = np.tile(np.arange(NUM_RINGS), _FIRINGS)

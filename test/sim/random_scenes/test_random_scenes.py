@@ -110,6 +110,12 @@ def test_seeds_reproduce(make, kind):
     assert first.cloud.points.tobytes() != make(other, kind).cloud.points.tobytes()
 
 
+def test_no_flight_is_below_the_ground(make):
+    # 18 m beside the route, 2.6 m above it, lies a hill: from within it, nothing else is seen
+    scene = make(393003, 'no-lines')
+    assert np.ptp(scene.cloud.points[:, :2], axis=0).min() > 60.0
+
+
 def test_an_unknown_kind_is_refused():
     with pytest.raises(DataError, match='cloudy'):
         make_random(0, 'cloudy')
