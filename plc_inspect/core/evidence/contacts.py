@@ -63,7 +63,7 @@ RACK_ROOM = 3.0
 Frames of a rack are looked for so far beside a curve [m].
 Source: derived: its posts, 2.5 m from its middle, and half a metre.
 """
-RACK_ON = 15.0
+RACK_BEYOND = 15.0
 """
 And so far beyond its ends [m].
 Source: derived: two bays: three frames are seen from any piece that lies over one.
@@ -146,12 +146,12 @@ def find_held(
 
 
 def _straighten(row: Float64) -> Float64:
-    """Return the chord of a row's curve, longer by RACK_ON at both ends."""
+    """Return the chord of a row's curve, longer by RACK_BEYOND at both ends."""
     chord, low, high = row.copy(), row[LOW], row[HIGH]
     first, last = height_of(row, low), height_of(row, high)
     chord[MIDDLE], chord[HEIGHT] = 0.5 * (low + high), 0.5 * (first + last)
     chord[SLOPE], chord[CURVATURE] = (last - first) / (high - low), LEVEL
-    chord[LOW], chord[HIGH] = low - RACK_ON, high + RACK_ON
+    chord[LOW], chord[HIGH] = low - RACK_BEYOND, high + RACK_BEYOND
     return chord
 
 
@@ -173,7 +173,7 @@ def _share_frames(curves: Sequence[Curve], frames: Sequence[Float64]) -> list[Fl
         shared = np.abs(way @ curve.row[[COS, SIN]]) >= RACK_TURN
         shared &= np.abs(y) <= RACK_ROOM
         shared &= np.abs(place[:, 2] - curve.fit.height(x)) <= RACK_HIGH
-        shared &= (x >= curve.low - RACK_ON) & (x <= curve.high + RACK_ON)
+        shared &= (x >= curve.low - RACK_BEYOND) & (x <= curve.high + RACK_BEYOND)
         along = np.sort(x[shared])
         parts = np.split(along, np.flatnonzero(np.diff(along) > SAME_FRAME) + 1)
         own = np.array([part.mean() for part in parts if len(part)])

@@ -142,7 +142,7 @@ def cut_at_poles(
     poles : sequence of StandingPole
         As from `standing_poles.find_poles`.
     least : float
-        As above.
+        Least length of a part [m].
 
     Returns
     -------
@@ -211,16 +211,16 @@ def _cut(
     points: Float64, curve: Curve, pole: StandingPole, held: Sequence[Curve], least: float
 ) -> list[Curve]:
     """Cut a curve at a pole that holds it and others."""
-    if _look_on(curve, pole) <= least or not pole.holds(curve):
+    if _measure_beyond(curve, pole) <= least or not pole.holds(curve):
         return [curve]
     line = [
         own for own in held
         if abs(math.sin(own.azimuth - curve.azimuth)) < math.sin(PARALLEL)
-        and _look_on(own, pole) >= -ARM
+        and _measure_beyond(own, pole) >= -ARM
     ]
     top = max(float(own.fit.height(own.local_place(pole.position)[0])) for own in line)
     if max(pole.top, pole.around) > top + POLE_RISE and all(
-        _look_on(own, pole) > least for own in line
+        _measure_beyond(own, pole) > least for own in line
     ):
         x, _ = curve.local_place(pole.position)
         bend, sigma = measure_bend(points, curve, x)
@@ -230,7 +230,7 @@ def _cut(
     return cut_curve(points, curve, pole.position)
 
 
-def _look_on(curve: Curve, pole: StandingPole) -> float:
+def _measure_beyond(curve: Curve, pole: StandingPole) -> float:
     """Return how far a curve goes on beyond a pole, less than 0 where it ends before it [m]."""
     x, _ = curve.local_place(pole.position)
     return min(x - curve.low, curve.high - x)
