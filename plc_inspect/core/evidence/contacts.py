@@ -69,7 +69,10 @@ And so far beyond its ends [m].
 Source: derived: two bays: three frames are seen from any piece that lies over one.
 """
 RACK_HIGH = 2.0
-"""Height between the pipes of one rack, at most [m].  Source: derived: its tiers."""
+"""
+Height between the pipes of one rack, at most [m].
+Source: judgement; tiers of random racks are 1.8 m apart.
+"""
 RACK_TURN = math.cos(math.radians(3.0))
 """Cosine of the turn between the pipes of one rack, at least.  Source: judgement."""
 SAME_FRAME = 1.0
@@ -111,6 +114,8 @@ def find_held(
     """
     Tell which curves touch something below or beside them at regular short intervals.
 
+    So do those that run along each other over the frames of a rack.
+
     Parameters
     ----------
     points : (N, 3) float64
@@ -124,7 +129,7 @@ def find_held(
     longest : float
         Greatest interval [m].
     least : sequence of int
-        Even intervals of each curve, at least.
+        Even intervals of each curve, at least; between frames LEAST_EVEN.
 
     Returns
     -------
@@ -164,13 +169,11 @@ def _share_frames(curves: Sequence[Curve], frames: Sequence[Float64]) -> list[Fl
     if not curves:
         return []
     place = np.concatenate([curve.position(x) for curve, x in zip(curves, frames, strict=True)])
-    way = np.repeat(
-        np.array([curve.row[[COS, SIN]] for curve in curves]), [len(x) for x in frames], axis=0
-    )
+    azimuth = np.repeat([curve.azimuth for curve in curves], [len(x) for x in frames])
     result = []
     for curve in curves:
         x, y = curve.local(place)
-        shared = np.abs(way @ curve.row[[COS, SIN]]) >= RACK_TURN
+        shared = np.abs(np.cos(azimuth - curve.azimuth)) >= RACK_TURN
         shared &= np.abs(y) <= RACK_ROOM
         shared &= np.abs(place[:, 2] - curve.fit.height(x)) <= RACK_HIGH
         shared &= (x >= curve.low - RACK_BEYOND) & (x <= curve.high + RACK_BEYOND)
@@ -289,7 +292,7 @@ def _keep_thin(places, top, side, found):  # type: ignore[no-untyped-def]
     """
     sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
-    # aside, no more was gathered
+    # aside, no more was gathered; below a rack lies the next tier
     depth = THIN_DEPTH if side == BELOW else CONTACT_DEPTH
     room, touch = (RACK_ROOM, RACK_ROOM) if side == RACK else (THIN_ROOM, CONTACT_ROOM)
     for n in range(len(places)):

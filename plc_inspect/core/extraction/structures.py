@@ -135,7 +135,7 @@ class Structure:
     top: float
     """Height of its highest point [m]."""
     around: float = -math.inf
-    """Height of the highest point about it, of what is no conductor [m]."""
+    """Height of the highest point about it that is no conductor, -inf if not looked for [m]."""
     kind: str
     """'pole' or 'tower'."""
 

@@ -71,6 +71,7 @@ Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 
 HIGHEST = 62
 """Metres above ground that are told apart.  Source: numerical: bits of an integer."""
 
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StandingPole:
     """A pole that reaches up to a conductor and stands at it."""
@@ -82,7 +83,7 @@ class StandingPole:
     top: float
     """Height of its highest point [m]."""
     around: float = -math.inf
-    """Height of the highest point about it, of what is no conductor [m]."""
+    """Height of the highest point about it that is no conductor, -inf if not looked for [m]."""
 
     def holds(self, curve: Curve) -> bool:
         """Tell whether a curve passes it, between its ends or beyond, as a conductor does."""

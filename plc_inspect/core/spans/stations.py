@@ -210,8 +210,8 @@ def cut_at_stations(
 def _cut(
     points: Float64, curve: Curve, pole: StandingPole, held: Sequence[Curve], least: float
 ) -> list[Curve]:
-    """Cut a curve at a pole that holds it and others."""
-    if _measure_beyond(curve, pole) <= least or not pole.holds(curve):
+    """Cut a curve at a pole, if it is one of those ``held`` there, as in `cut_at_poles`."""
+    if curve not in held or _measure_beyond(curve, pole) <= least:
         return [curve]
     line = [
         own for own in held
@@ -231,7 +231,7 @@ def _cut(
 
 
 def _measure_beyond(curve: Curve, pole: StandingPole) -> float:
-    """Return how far a curve goes on beyond a pole, less than 0 where it ends before it [m]."""
+    """Return how far a curve goes on to both sides of a pole, below 0 if it ends before [m]."""
     x, _ = curve.local_place(pole.position)
     return min(x - curve.low, curve.high - x)
 
