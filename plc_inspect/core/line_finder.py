@@ -178,7 +178,9 @@ def _find_once(
         report_outliers,
     )
     inliers = candidates.select(outliers.keep)
-    searches = Searches(cloud=cloud, inliers=inliers, steep=steep, settings=settings)
+    searches = Searches(
+        cloud=cloud, inliers=inliers, steep=steep, scales=scales, settings=settings
+    )
 
     # Regularization, R_z: windows of the cloud in which lines run straight in one direction.
     alignment = log.run(

@@ -22,7 +22,7 @@ from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.evidence.built import RAIL
 from plc_inspect.core.evidence.groups import cut_groups
 from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, SIDE, Verdict
-from plc_inspect.core.evidence.searches import Searches
+from plc_inspect.core.evidence.searches import is_sparse, Searches
 from plc_inspect.core.evidence.validation import (
     BUILT,
     CROWDED,
@@ -137,10 +137,10 @@ def judge_curves(
     may lie over several: then its parts are tried, and those that are conductors take its place;
     of one that hangs and is free, none clutters another.  Where nothing but too little evidence
     speaks against a curve, it is searched again in shorter windows, and a sparse one by all
-    points along it; then come steep conductors, those beside others that are known, and at last
-    bands of wires as wide as bundles.  Of what is known these take back only what proves to be
-    built, as stays of a crane whose jib is found then.  The arguments are those of
-    `model_conductors`.
+    points along it; then come steep conductors, sparse ones in longer windows, those beside
+    others that are known, and at last bands of wires as wide as bundles.  Of what is known these
+    take back only what proves to be built, as stays of a crane whose jib is found then.  The
+    arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     curves = cut_groups(points, curves, sight, SIDE, settings)
@@ -174,6 +174,9 @@ def judge_curves(
         judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
     found, _ = find_curves(points, index, searches.look_steeply(judge.believed), settings, rng)
     judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
+    found, _ = find_curves(points, index, searches.look_sparsely(judge.believed), settings, rng)
+    sparse = [curve for curve in found if is_sparse(curve)]
+    judge.add(judge.try_more(_keep_new(points, sparse, settings, judge.believed)))
     if believed := judge.believed:
         tracks = searches.look_beside(believed, judge.rejected)
         found, _ = find_curves(points, index, tracks, settings, rng)

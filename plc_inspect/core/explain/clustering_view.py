@@ -141,7 +141,7 @@ class Windows:
                     Check(name=f'{name}: length', value=view.length,
                           limit=view.least_length, unit='m',
                           setting='alignment.half_length'),
-                    Check(name=f'{name}: share of metres filled', value=view.filling,
+                    Check(name=f'{name}: share of its parts filled', value=view.filling,
                           limit=MIN_FILLING),
                     Check(name=f'{name}: thickness (rms)', value=view.rms, limit=view.limit,
                           is_least=False, unit='m', setting='clustering.max_thickness'),
@@ -261,7 +261,9 @@ class Windows:
         half, limit, crowding = attempt.half, attempt.limit, math.nan
         mx, my, mw, ky, kw, rms, low, high = fit_trimmed(x, y, w, member)
         size, length = int(member.sum()), float(high - low)
-        filling = float(measure_filling(x, member, low, high)) if size >= LEAST_POINTS else 0.0
+        filling = (
+            float(measure_filling(x, member, low, high, half)) if size >= LEAST_POINTS else 0.0
+        )
         if size < LEAST_POINTS:
             outcome = 'too few points'
         elif length < LEAST_SHARE * half:

@@ -82,9 +82,9 @@ def test_fewer_than_four_points_are_not_fitted(num):
 
 def test_the_filling_is_the_share_of_metres_that_hold_members():
     x = np.array([0.2, 0.8, 1.5, 2.5, 4.0])
-    assert measure_filling(x, members(x), 0.0, 4.0) == 1.0
-    assert measure_filling(x, np.array([True, True, True, False, True]), 0.0, 4.0) == 0.75
-    assert measure_filling(x, ~members(x), 0.0, 4.0) == 0.0
+    assert measure_filling(x, members(x), 0.0, 4.0, 6.0) == 1.0
+    assert measure_filling(x, np.array([True, True, True, False, True]), 0.0, 4.0, 6.0) == 0.75
+    assert measure_filling(x, ~members(x), 0.0, 4.0, 6.0) == 0.0
 
 
 def test_a_wire_in_the_air_is_not_crowded_but_a_strip_of_a_sheet_is():

@@ -1,0 +1,170 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Lines of points that lie too far apart for a neighbourhood, with little else about them.
+
+A wire that returns a point in a metre or two is a line in no block of voxels: one that holds
+enough of its points also holds its neighbours.  About each sparse place the direction is looked
+for along which a tube of a few decimetres holds other places all along.
+"""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import LinearitySettings
+from plc_inspect.core.extraction.linearity import LinearityResult, Scales
+from plc_inspect.core.numerics.eigen import principal_axis_of
+from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.core.numerics.voxels import NUM_MOMENTS
+
+BLOCK = 3
+"""Voxels along the edge of a block.  Source: derived: that of `linearity.Likeness`."""
+REACH = 8.0
+"""
+Distance from a place up to which others are looked at [m].
+Source: derived: as `alignment.reach`, over which a conductor is straight; with 12 m no more was
+found in thinned clouds (ahn_12AN2_20, ahn_12BZ1_21 and uav_costarica_mv, 4 to 12 % of the points).
+"""
+RADIUS = 0.3
+"""
+Radius of the tube [m].
+Source: derived: as `alignment.LINE_RADIUS`; a conductor with c = 200 m leaves it after 11 m.
+"""
+BASE = 3.0
+"""
+Distance of the place that gives the direction of a tube, at least [m].
+Source: derived: 5 cm of noise turn it by less than the radius over the reach.
+"""
+NUM_BINS = 16
+"""Parts along a tube that are told apart.  Source: derived: as `alignment.NUM_BINS`, a metre."""
+MOST_NEAR = 128
+"""
+Places within reach, at most: about others there is no air.
+Source: derived: eight wires with a place in every metre; also a bound of time.
+"""
+
+
+def find_sparse_lines(
+    scales: Scales, settings: LinearitySettings, density: float, min_votes: int
+) -> LinearityResult:
+    """
+    Find sparse places with others in line.
+
+    Parameters
+    ----------
+    scales : Scales
+        Neighbourhoods of the high points.
+    settings : LinearitySettings
+        The greatest inclination is used.
+    density : float
+        A place is sparse with fewer points in the metres of its block [1/m].
+    min_votes : int
+        Parts of the tube, of NUM_BINS, that hold others, at least.
+
+    Returns
+    -------
+    LinearityResult
+        Sparse places with the directions of their tubes.
+
+    """
+    voxels, likeness = scales.levels[max(len(scales.levels) - 2, 0)]
+    position = voxels.centroids()
+    sparse = np.flatnonzero(likeness.count < density * BLOCK * voxels.size)
+    index = build_plan_index(position, np.arange(len(position)), REACH)
+    steepest = math.tan(math.radians(settings.max_inclination_deg))
+    count, direction = _look_about(position, sparse, index.grid, steepest, min_votes)
+    good = count > 0
+    return LinearityResult(
+        position=position[sparse[good]],
+        direction=direction[good],
+        size=np.full(int(good.sum()), 2.0 * REACH),
+        linear=np.ones(int(good.sum())),
+        count=count[good],
+        sizes=(2.0 * REACH,),
+        num_voxels=(len(position),),
+    )
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _look_about(position, sparse, grid, steepest, min_votes):  # type: ignore[no-untyped-def]
+    """Count the places in the fullest tube about each sparse one, 0 for none, and its axis."""
+    count, direction = np.zeros(len(sparse), dtype=np.int64), np.zeros((len(sparse), 3))
+    near = np.empty((MOST_NEAR, 3))
+    for k in range(len(sparse)):
+        num = _gather(position, position[sparse[k]], grid, near)
+        if min_votes <= num <= MOST_NEAR:
+            axis, votes = _find_tube(near[:num], steepest)
+            if votes >= min_votes:
+                count[k], direction[k] = _fit_axis(near[:num], axis)
+    return count, direction
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _gather(position, middle, grid, near):  # type: ignore[no-untyped-def]
+    """List places within REACH of a middle, from there; return how many, or one too many."""
+    start, order, origin, cell, rows, columns = grid
+    row, column = int((middle[1] - origin[1]) / cell), int((middle[0] - origin[0]) / cell)
+    num = 0
+    for r in range(max(row - 1, 0), min(row + 2, rows)):
+        first = start[r * columns + max(column - 1, 0)]
+        last = start[r * columns + min(column + 1, columns - 1) + 1]
+        for m in range(first, last):
+            i = order[m]
+            x, y = position[i, 0] - middle[0], position[i, 1] - middle[1]
+            z = position[i, 2] - middle[2]
+            if x * x + y * y + z * z < REACH * REACH:
+                if num == MOST_NEAR:
+                    return num + 1
+                near[num, 0], near[num, 1], near[num, 2] = x, y, z
+                num += 1
+    return num
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _find_tube(near, steepest):  # type: ignore[no-untyped-def]
+    """Return the axis of the tube with most parts that hold places, and how many these are."""
+    best, most, votes = np.zeros(3), 0, 0
+    for k in range(len(near)):
+        run = math.hypot(near[k, 0], near[k, 1])
+        if run < BASE or abs(near[k, 2]) > steepest * run:
+            continue
+        axis = near[k] / math.hypot(run, near[k, 2])
+        occupied, num = np.uint32(0), 0
+        for m in range(len(near)):
+            along, off = _see(near, m, axis)
+            if off <= RADIUS * RADIUS:
+                place = min(int((along + REACH) * NUM_BINS / (2.0 * REACH)), NUM_BINS - 1)
+                occupied |= np.uint32(1) << np.uint32(place)
+                num += 1
+        seen = 0
+        while occupied:  # count the bits
+            occupied &= occupied - np.uint32(1)
+            seen += 1
+        if (seen, num) > (votes, most):
+            best, most, votes = axis, num, seen
+    return best, votes
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _fit_axis(near, axis):  # type: ignore[no-untyped-def]
+    """Return how many places the tube about an axis holds, and the axis that is fitted to them."""
+    total = np.zeros(NUM_MOMENTS)
+    for k in range(len(near)):
+        _, off = _see(near, k, axis)
+        if off <= RADIUS * RADIUS:
+            x, y, z = near[k]
+            for m, value in enumerate((1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)):
+                total[m] += value
+    _, _, _, vx, vy, vz = principal_axis_of(total, 0, 1)
+    return int(total[0]), np.array([vx, vy, vz])
+
+
+@njit(cache=True, nogil=True, error_model='numpy', inline='always')
+def _see(near, k, axis):  # type: ignore[no-untyped-def]
+    """Return how far a place lies along an axis [m], and the square of how far aside [m2]."""
+    x, y, z = near[k, 0], near[k, 1], near[k, 2]
+    along = x * axis[0] + y * axis[1] + z * axis[2]
+    return along, x * x + y * y + z * z - along * along
