@@ -126,6 +126,9 @@ def test_sparse_conductors_are_found_along_the_pieces_that_chance_leaves(monkeyp
     for seed in range(10):
         rng = np.random.default_rng(seed)
         clouds.append(make_sparse_line(rng, rng.uniform(0.0, np.pi), 0.6))
+    monkeypatch.setattr(  # which finds them as well
+        Searches, 'look_sparsely', lambda self, curves: self.look_beside(curves[:0], curves)
+    )
     with_it = np.array([measure_share(points) for points in clouds])
     monkeypatch.setattr(
         Searches, 'look_along', lambda self, curves, known: self.look_beside(curves[:0], curves)
