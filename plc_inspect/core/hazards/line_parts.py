@@ -78,10 +78,9 @@ JUMPER_ROOM = 8.0
 Source: judgement; on bench/hazards.py one was at 6 m."""
 JUMPER_REACH = 2.5
 """Distance from a conductor within which these hang [m].  Source: judgement; not measured."""
-POLE_WIDTH = 1.7
-"""Diagonal in plan of a pole or a piece of one at most [m].
-Source: chosen on bench/hazards.py: 1.2 m along each axis; what hangs at a pole of uav_costarica_mv
-is 1.15 or 1.31 m long and 0.3 m wide, as it is taken together with two more points or not."""
+POLE_WIDTH = 1.2
+"""Extent in plan, along each axis, of a pole or a piece of one at most [m].
+Source: chosen on bench/hazards.py."""
 POLE_REACH = 3.3
 """Distance from a conductor at which its pole stands at most, unless it is thin [m].
 Source: chosen on bench/hazards.py: parts of poles at 2.9 m, a poplar at 3.8."""
@@ -299,7 +298,7 @@ def _find_scraps(
     row = long & is_beyond & at_end & (spread.min(axis=1) <= THIN)
     for number in np.flatnonzero(row & ~piece).tolist():  # the first metres of the next span
         piece[number] = are_parallel(places[thing == number])
-    pole = (from_end <= POLE_ROOM) & (np.hypot(*extent[:, :2].T) <= POLE_WIDTH)
+    pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
     pole &= thin | (nearest <= POLE_REACH)
     reach = np.where(at_end | next_span, JUMPER_REACH, FREE_RADIUS)
     apart = (farthest <= reach)[thing] & ~_go_on(places, thing, distance, (pole | piece), reach)

@@ -216,16 +216,6 @@ def test_a_narrow_tree_far_beside_the_end_is_no_pole(y, own):
     assert bool(raise_hazards(shift(tree, 0.0, 0.0))) != own
 
 
-@pytest.mark.parametrize(('width', 'own'), [(0.3, True), (0.6, True), (1.4, False)])
-def test_what_is_slender_at_a_pole_is_a_part_of_it(width, own):
-    rng = np.random.default_rng(8)
-    thing = rng.uniform((2.0, 1.5 - width / 2, 8.5), (3.4, 1.5 + width / 2, 9.1), (60, 3))
-    distance = find_nearby(thing, [fit_model()], REACH).distance
-    assert 2.5 < distance.min() < 3.3
-    assert find(thing)[0].all() == own
-    assert bool(raise_hazards(thing)) != own
-
-
 def test_sparse_foliage_near_an_end_goes_on_though_thinly():
     rng = np.random.default_rng(6)
     crown = rng.uniform([2.0, 0.8, 6.0], [7.0, 6.0, 11.5], (150, 3))  # a point in a cubic metre
