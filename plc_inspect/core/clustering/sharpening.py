@@ -13,6 +13,8 @@ import math
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import count_bits
+
 MOST_TURN, MOST_RISE, MOST_BEND = 0.02, 0.08, 0.013
 """
 Greatest errors of the azimuth and slope of a window that are looked for [m/m], and the greatest
@@ -191,16 +193,13 @@ def _find_rows(w, above, reach):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _look_about(y, w, piece, dot, k):  # type: ignore[no-untyped-def]
     """Count the pieces and points about a point that are of no dot."""
-    pieces, count, seen = np.int64(0), 0, 0
+    pieces, count = np.int64(0), 0
     first, last = _find_rows(w, w[k], DOT)
     for j in range(first, last):
         if dot[j] < 0 and _is_within(y[k] - y[j], w[k] - w[j], DOT):
             pieces |= piece[j]
             count += 1
-    while pieces:  # count the bits
-        pieces &= pieces - 1
-        seen += 1
-    return seen, count
+    return count_bits(pieces), count
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

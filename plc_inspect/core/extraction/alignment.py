@@ -11,6 +11,7 @@ import numpy as np
 
 from plc_inspect.config import AlignmentSettings
 from plc_inspect.core.extraction.linearity import LinearityResult, SAME_WAY
+from plc_inspect.core.numerics.arrays import count_bits
 from plc_inspect.core.numerics.eigen import principal_axis_of
 from plc_inspect.core.numerics.plan_index import build_plan_index, HALF_DIAGONAL
 from plc_inspect.core.numerics.voxels import NUM_MOMENTS
@@ -280,9 +281,8 @@ def _vote(  # type: ignore[no-untyped-def]
                 wx[first:last], wy[first:last], wz[first:last],
                 position[i], direction[i], reach, total,
             )
-        # count the bits, and fit the axis where they suffice
-        for place in range(NUM_BINS):
-            votes[i] += (occupied >> np.uint32(place)) & np.uint32(1)
+        # fit the axis where enough bins are occupied
+        votes[i] = count_bits(occupied)
         if votes[i] >= LEAST_SUPPORT:
             _, _, _, vx, vy, vz = principal_axis_of(total, 0, 1)
             axis[i, 0], axis[i, 1], axis[i, 2] = vx, vy, vz

@@ -16,6 +16,7 @@ import numpy as np
 
 from plc_inspect.config import LinearitySettings
 from plc_inspect.core.extraction.linearity import LinearityResult, Scales
+from plc_inspect.core.numerics.arrays import count_bits
 from plc_inspect.core.numerics.eigen import principal_axis_of
 from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.numerics.voxels import NUM_MOMENTS
@@ -139,10 +140,7 @@ def _find_tube(near, steepest):  # type: ignore[no-untyped-def]
                 place = min(int((along + REACH) * NUM_BINS / (2.0 * REACH)), NUM_BINS - 1)
                 occupied |= np.uint32(1) << np.uint32(place)
                 num += 1
-        seen = 0
-        while occupied:  # count the bits
-            occupied &= occupied - np.uint32(1)
-            seen += 1
+        seen = count_bits(occupied)
         if (seen, num) > (votes, most):
             best, most, votes = axis, num, seen
     return best, votes

@@ -32,6 +32,16 @@ def is_on_earth(x, y, z):  # type: ignore[no-untyped-def]
     return max(abs(x), abs(y), abs(z)) < MOST_COORDINATE and 0.0 * (x + y + z) == 0.0
 
 
+@njit(cache=True, nogil=True, inline='always')
+def count_bits(bits):  # type: ignore[no-untyped-def]
+    """Count the bits of an integer of at most 64 that are set."""
+    rest, num = np.int64(bits), 0
+    while rest:
+        rest &= rest - 1
+        num += 1
+    return num
+
+
 @njit(cache=True, nogil=True)
 def put(values, target):  # type: ignore[no-untyped-def]
     """

@@ -27,6 +27,7 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.extraction.structures import COLUMN, LEAST_HEIGHT, MAX_BELOW
+from plc_inspect.core.numerics.arrays import count_bits
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.numerics.near_pairs import find_pairs
 from plc_inspect.core.numerics.plan_index import gather_strip
@@ -215,10 +216,7 @@ def _fill_gap(points, own, row, other):  # type: ignore[no-untyped-def]
         num = counts[slot] + counts[slot + 1]
         if num < LEAST_POINTS or counts[slot] == 0 or _is_less(counts, slot):
             continue
-        both, filled = cells[slot] | cells[slot + 1], 0
-        while both:  # count the bits
-            both &= both - 1
-            filled += 1
+        filled = count_bits(cells[slot] | cells[slot + 1])
         room = gaps[slot] - 2.0 * MARGIN
         nearby = counts[slot - around : slot + 2 + around].sum() - num
         if filled < FILLED * room / min(CELL, room / 2.0) or nearby > MOST_BESIDE * num:

@@ -34,6 +34,7 @@ from plc_inspect.core.extraction.structures import (
     Stand,
     TOP_METRES,
 )
+from plc_inspect.core.numerics.arrays import count_bits
 from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import describe_joint, Joint, MAX_MISS, MAX_TURN
@@ -306,10 +307,7 @@ def _mark_columns(  # type: ignore[no-untyped-def]
                     levels[place, side] | levels[place + 1, side]
                     | levels[place, side + 1] | levels[place + 1, side + 1]
                 )
-                filled = 0
-                while both:  # count the bits
-                    both &= both - 1
-                    filled += 1
+                filled = count_bits(both)
                 if filled > 0 and filled >= FILLED * needed[place]:
                     own = counts[place : place + 2, side : side + 2].sum()
                     near_by = counts[

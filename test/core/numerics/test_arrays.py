@@ -4,7 +4,13 @@
 import numpy as np
 import pytest
 
-from plc_inspect.core.numerics.arrays import find_true, merge_ascending, put, take_rows
+from plc_inspect.core.numerics.arrays import (
+    count_bits,
+    find_true,
+    merge_ascending,
+    put,
+    take_rows,
+)
 
 
 @pytest.mark.parametrize('num', [0, 1, 15, 16, 17, 10_001])
@@ -36,3 +42,9 @@ def test_it_merges_as_numpy_does(sizes):
     rng = np.random.default_rng(sum(sizes))
     first, second = (np.unique(rng.integers(0, 80, size)) for size in sizes)
     np.testing.assert_array_equal(merge_ascending(first, second), np.union1d(first, second))
+
+
+@pytest.mark.parametrize('bits', [0, 1, 0b1011, 2**31, 2**62 + 2**40 + 1, 2**63 - 1])
+def test_it_counts_the_bits_that_python_counts(bits):
+    assert count_bits(np.int64(bits)) == bits.bit_count()
+    assert count_bits(np.uint32(bits % 2**32)) == (bits % 2**32).bit_count()
