@@ -12,7 +12,7 @@ from plc_inspect.config import AlignmentSettings, Settings
 from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.evidence.beside import find_nearest, ROOM, search_along, search_beside
-from plc_inspect.core.extraction.alignment import align
+from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.linearity import LinearityResult, Scales
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.extraction.sparse_lines import find_sparse_lines
@@ -75,7 +75,8 @@ class Searches:
         """
         half_length = self.settings.alignment.half_length
         near = self.inliers.select(self._find_about(self.inliers, curves, 2.0 * half_length))
-        return self._cluster(near, SHORTER * half_length)
+        windows = align(near, self.settings.alignment)
+        return self._cluster(near, replace(windows, half_length=SHORTER * half_length))
 
     def look_along(self, curves: Sequence[Curve], known: Sequence[Curve]) -> ClusteringResult:
         """
@@ -118,28 +119,14 @@ class Searches:
 
         """
         rest = self.steep.select(~self._find_about(self.steep, curves, 0.0))
-        return self._cluster(rest, self.settings.alignment.half_length)
+        return self._cluster(rest, align(rest, self.settings.alignment))
 
     def look_sparsely(self, curves: Sequence[Curve]) -> ClusteringResult:
-        """
-        Cluster the places where sparse points lie along a line, in longer windows.
-
-        Parameters
-        ----------
-        curves : sequence of Curve
-            Conductors that are known; what lies along them is not looked for.
-
-        Returns
-        -------
-        ClusteringResult
-
-        """
-        places = find_sparse_lines(
-            self.scales, self.settings.linearity, SPARSE, self.settings.alignment.min_votes
-        )
+        """Cluster the sparse places in line, away from known curves, in longer windows."""
+        own = self.settings.alignment
+        places = find_sparse_lines(self.scales, self.settings.linearity, SPARSE, own.min_votes)
         rest = places.select(~self._find_about(places, curves, 0.0))
-        longer = _stretch(self.settings.alignment)
-        return self._cluster(rest, longer.half_length, longer)
+        return self._cluster(rest, align(rest, _stretch(own)))
 
     def look_beside(
         self, curves: Sequence[Curve], others: Sequence[Curve]
@@ -159,15 +146,11 @@ class Searches:
         result: Bool = owner >= 0
         return result
 
-    def _cluster(
-        self, places: LinearityResult, half_length: float,
-        settings: AlignmentSettings | None = None,
-    ) -> ClusteringResult:
-        """Cluster the points about places, in windows of half a length [m]."""
-        windows = align(places, settings or self.settings.alignment)
+    def _cluster(self, places: LinearityResult, windows: AlignmentResult) -> ClusteringResult:
+        """Cluster the points about places, window by window."""
         return cluster(
-            self.cloud.points, self.cloud.index_high(), places.position,
-            replace(windows, half_length=half_length), self.settings.clustering,
+            self.cloud.points, self.cloud.index_high(), places.position, windows,
+            self.settings.clustering,
         )
 
 

@@ -15,6 +15,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import LinearitySettings
+from plc_inspect.core.extraction.alignment import LINE_RADIUS, NUM_BINS
 from plc_inspect.core.extraction.linearity import LinearityResult, Scales
 from plc_inspect.core.numerics.arrays import count_bits
 from plc_inspect.core.numerics.eigen import principal_axis_of
@@ -29,18 +30,11 @@ Distance from a place up to which others are looked at [m].
 Source: derived: as `alignment.reach`, over which a conductor is straight; with 12 m no more was
 found in thinned clouds (ahn_12AN2_20, ahn_12BZ1_21 and uav_costarica_mv, 4 to 12 % of the points).
 """
-RADIUS = 0.3
-"""
-Radius of the tube [m].
-Source: derived: as `alignment.LINE_RADIUS`; a conductor with c = 200 m leaves it after 11 m.
-"""
 BASE = 3.0
 """
 Distance of the place that gives the direction of a tube, at least [m].
-Source: derived: 5 cm of noise turn it by less than the radius over the reach.
+Source: derived: 5 cm of noise turn it by less than LINE_RADIUS over the reach.
 """
-NUM_BINS = 16
-"""Parts along a tube that are told apart.  Source: derived: as `alignment.NUM_BINS`, a metre."""
 MOST_NEAR = 128
 """
 Places within reach, at most: about others there is no air.
@@ -136,7 +130,7 @@ def _find_tube(near, steepest):  # type: ignore[no-untyped-def]
         occupied, num = np.uint32(0), 0
         for m in range(len(near)):
             along, off = _see(near, m, axis)
-            if off <= RADIUS * RADIUS:
+            if off <= LINE_RADIUS * LINE_RADIUS:
                 place = min(int((along + REACH) * NUM_BINS / (2.0 * REACH)), NUM_BINS - 1)
                 occupied |= np.uint32(1) << np.uint32(place)
                 num += 1
@@ -152,7 +146,7 @@ def _fit_axis(near, axis):  # type: ignore[no-untyped-def]
     total = np.zeros(NUM_MOMENTS)
     for k in range(len(near)):
         _, off = _see(near, k, axis)
-        if off <= RADIUS * RADIUS:
+        if off <= LINE_RADIUS * LINE_RADIUS:
             x, y, z = near[k]
             for m, value in enumerate((1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)):
                 total[m] += value

@@ -87,6 +87,14 @@ def test_the_filling_is_the_share_of_metres_that_hold_members():
     assert measure_filling(x, ~members(x), 0.0, 4.0, 6.0) == 0.0
 
 
+def test_parts_are_as_much_longer_as_the_window():
+    x = np.arange(36) + 0.5
+    some = x % 3 == 0.5  # one metre in three
+    assert measure_filling(x, some, 0.0, 36.0, 6.0) == pytest.approx(1 / 3)
+    assert measure_filling(x, some, 0.0, 36.0, 18.0) == 1.0
+    assert measure_filling(x, some, 0.0, 36.0, 2.0) == pytest.approx(1 / 3)  # a metre at least
+
+
 def test_a_wire_in_the_air_is_not_crowded_but_a_strip_of_a_sheet_is():
     assert crowd(make_segment(-6.0, 6.0)) == 0.0
     assert crowd(make_sheet()) == 1.0

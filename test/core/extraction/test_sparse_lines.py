@@ -8,8 +8,9 @@ import pytest
 
 from plc_inspect.config import Settings
 from plc_inspect.core.evidence.searches import Searches
+from plc_inspect.core.extraction.alignment import LINE_RADIUS
 from plc_inspect.core.extraction.linearity import anchor, measure_scales
-from plc_inspect.core.extraction.sparse_lines import find_sparse_lines, MOST_NEAR, RADIUS
+from plc_inspect.core.extraction.sparse_lines import find_sparse_lines, MOST_NEAR
 from plc_inspect.core.pipeline import Pipeline
 
 LINEARITY = Settings().linearity
@@ -84,9 +85,9 @@ def test_votes_are_asked_for():
 def test_only_what_lies_in_the_tube_turns_it():
     rng = np.random.default_rng(7)
     wire = make_wire(rng, 0.7, azimuth=0.0, slope=0.0, sag=0.0)
-    beside = wire[::4] + np.array([0.0, 2.0 * RADIUS, 0.0])
+    beside = wire[::4] + np.array([0.0, 2.0 * LINE_RADIUS, 0.0])
     found = look(np.concatenate((wire, beside)))
-    own = np.abs(found.position[:, 1]) < RADIUS / 2
+    own = np.abs(found.position[:, 1]) < LINE_RADIUS / 2
     assert own.sum() > 30
     assert np.abs(found.direction[own, 1]).max() < 0.05
 
