@@ -21,8 +21,9 @@ from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
 from plc_inspect.core.setup.sharpness import SharpnessBook
-from plc_inspect.results import Severity
+from plc_inspect.results import PointClass, Severity
 from plc_inspect.sim.scenes.scene import Scene
+from plc_inspect.sim.surveys.airborne import simulate_map
 from plc_inspect.sim.surveys.flight import Flight, simulate_flight
 from plc_inspect.sim.surveys.puck import Scan
 from plc_inspect.sim.surveys.trajectory import fly, RATE, rotate, Trajectory
@@ -34,8 +35,15 @@ BACK = 3.0
 SAME, NEARER = 5.0, 0.3
 """
 A critical hazard is false where the flight without fault has none this near that is critical, too,
-or by no more than the second less close to a conductor [m].
+or by no more than the second less close to a conductor [m], and nothing is there in truth.
 """
+THERE = 1.0
+"""
+Something is there in truth that is this near to the place of a hazard, and as near to a conductor
+as it says, or by no more than NEARER farther [m].
+"""
+DENSITY = 100.0
+"""Pulses per square metre of the survey that tells what stands in a scene."""
 EPOCH_NS = 10**12
 """Stamp at the beginning of a flight [ns]."""
 
@@ -238,6 +246,16 @@ def trace(spans: Sequence[Any]) -> np.ndarray:
     return np.concatenate([np.full((1, 3), 1e9), *parts])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """What is in a scene, in the world."""
+
+    conductors: np.ndarray
+    """(N, 3) points along all conductors [m]."""
+    things: np.ndarray
+    """(M, 3) points on what is no part of a line, ground included [m]."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
     """What was found beside the flight without fault."""
@@ -251,16 +269,17 @@ class Difference:
     """Share of the length found."""
     criticals: int
     false: int
-    """Critical hazards where there is none without the fault."""
+    """Critical hazards where there is none without the fault, nor in truth."""
 
 
-def compare(found: Found, clean: Found, truth: np.ndarray) -> Difference:
+def compare(found: Found, clean: Found, truth: Truth) -> Difference:
     """
     Compare a flight with the same without fault.
 
-    Spans are ghosts where no conductor hangs, which ``truth`` (N, 3) tells in the world [m].
+    Spans are ghosts where no conductor hangs in truth.
     """
-    hung = cKDTree(truth + found.shift(truth))
+    hung = cKDTree(truth.conductors + found.shift(truth.conductors))
+    things = cKDTree(truth.things + found.shift(truth.things))
     known = trace(clean.spans)[1:]
     known = known + found.shift(known) - clean.shift(known)
     own = cKDTree(trace(found.spans))
@@ -276,10 +295,22 @@ def compare(found: Found, clean: Found, truth: np.ndarray) -> Difference:
             h.kind == other.kind and np.linalg.norm(place - h.position) < SAME
             and (other.severity == h.severity or other.clearance < h.clearance + NEARER)
             for place, other in zip(places, clean.hazards, strict=True)
-        ) for h in critical),
+        ) and not is_there(h, things, hung) for h in critical),
     )
 
 
-def list_conductors(scene: Scene) -> np.ndarray:
-    """Return points along all conductors of a scene (N, 3) [m]."""
-    return np.concatenate([np.full((1, 3), 1e9), *[item.sample(0.5) for item in scene.conductors]])
+def is_there(hazard: Any, things: cKDTree, hung: cKDTree) -> bool:
+    """Tell whether something stands at a hazard that is as near to a conductor as it says."""
+    near = things.data[things.query_ball_point(hazard.position, THERE)]
+    return bool(len(near)) and hung.query(near)[0].min() <= hazard.clearance + NEARER
+
+
+def tell_truth(scene: Scene) -> Truth:
+    """Return the truth of a scene."""
+    cloud = simulate_map(scene, DENSITY, np.random.default_rng(scene.seed))
+    return Truth(
+        conductors=np.concatenate([
+            np.full((1, 3), 1e9), *[item.sample(0.5) for item in scene.conductors]
+        ]),
+        things=cloud.exact[~np.isin(cloud.label, (PointClass.WIRE, PointClass.TOWER))],
+    )

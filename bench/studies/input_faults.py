@@ -37,9 +37,10 @@ from flights.faulty_flights import (
     compare,
     Fault,
     Found,
-    list_conductors,
     put_together,
     record,
+    tell_truth,
+    Truth,
 )
 
 LEAST_FOUND = 0.9
@@ -97,7 +98,7 @@ def by_time(item: tuple[str, float]) -> float:
 
 
 def describe(
-    name: str, kind: Kind, found: Found, clean: Found, truth: np.ndarray
+    name: str, kind: Kind, found: Found, clean: Found, truth: Truth
 ) -> tuple[str, bool]:
     """Return a row of the table, and whether it is as it should be."""
     own, before = compare(found, clean, truth), compare(clean, clean, truth)
@@ -139,6 +140,7 @@ def main() -> int:
         path = arguments.cache / f'drawn_{seed}.pickle' if arguments.cache else None
         flight = record(path, lambda made=made: made, seed)
         print(f'{seed}: {text}', flush=True)
+        truth = tell_truth(made[0])
         clean: Found | None = None
         for name, kind in make_kinds(seed).items():
             if name != 'none' and arguments.names and not any(
@@ -148,7 +150,7 @@ def main() -> int:
             begin = time.perf_counter()
             found = put_together(flight, kind.fault)
             clean = clean or found
-            row, good = describe(name, kind, found, clean, list_conductors(made[0]))
+            row, good = describe(name, kind, found, clean, truth)
             wrong += [] if good else [f'{seed} {name}']
             rows += 1
             print(f'{seed} | {name} | {row} | {time.perf_counter() - begin:.0f} s', flush=True)

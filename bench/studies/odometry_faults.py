@@ -6,8 +6,9 @@ Flies there and back with odometry that steps, drifts or stands still, and print
 
 Each flight is simulated once, and put into a map as it is and with each fault.  ``doubled`` is how
 far what was seen on the way back lies from where the same was put on the way there, at the place
-of the vehicle; ``--bare`` does without the correction of the odometry.  Ends with 1, and names the
-rows, where something is doubled by 0.2 m or a critical is false.
+of the vehicle; a critical is false that is not there without the fault, nor in truth.  ``--bare``
+does without the correction of the odometry.  Ends with 1, and names the rows, where something is
+doubled by 0.2 m or a critical is false.
 """
 
 import argparse
@@ -30,10 +31,11 @@ from flights.faulty_flights import (
     compare,
     Fault,
     Found,
-    list_conductors,
     put_together,
     record,
     Recorded,
+    tell_truth,
+    Truth,
 )
 
 SCENES = ('low_voltage', 'medium_voltage', 'contact', 'street', 'rack')
@@ -76,7 +78,7 @@ def make_faults(seed: int) -> dict[str, Fault]:
     return faults
 
 
-def describe(found: Found, clean: Found, truth: np.ndarray) -> tuple[str, bool]:
+def describe(found: Found, clean: Found, truth: Truth) -> tuple[str, bool]:
     """Return what was found beside the flight without fault, and whether that is right."""
     own, before = compare(found, clean, truth), compare(clean, clean, truth)
     text = (
@@ -103,7 +105,7 @@ def main() -> int:
     for seed in arguments.seeds:
         for name in arguments.scenes:
             scene, flight = fly_back(name, seed, arguments.cache)
-            clean = None
+            truth, clean = tell_truth(scene), None
             for title, fault in make_faults(seed).items():
                 if title != 'none' and arguments.names and not any(
                     part in title for part in arguments.names
@@ -111,7 +113,7 @@ def main() -> int:
                     continue
                 found = put_together(flight, fault, bare=arguments.bare)
                 clean = clean or found
-                text, good = describe(found, clean, list_conductors(scene))
+                text, good = describe(found, clean, truth)
                 wrong += [] if good else [f'{name} {seed} {title}']
                 print(f'{name} {seed} | {title} | {text}', flush=True)
                 if arguments.say:
