@@ -22,7 +22,7 @@ from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.evidence.built import RAIL
 from plc_inspect.core.evidence.groups import cut_groups
 from plc_inspect.core.evidence.judge import FREE_SHARE, Judge, SIDE, Verdict
-from plc_inspect.core.evidence.searches import is_sparse, Searches
+from plc_inspect.core.evidence.searches import has_gaps, Searches
 from plc_inspect.core.evidence.validation import (
     BUILT,
     CROWDED,
@@ -175,7 +175,7 @@ def judge_curves(
     found, _ = find_curves(points, index, searches.look_steeply(judge.believed), settings, rng)
     judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
     found, _ = find_curves(points, index, searches.look_sparsely(judge.believed), settings, rng)
-    sparse = [curve for curve in found if is_sparse(curve)]
+    sparse = [curve for curve in found if has_gaps(points, curve)]
     judge.add(judge.try_more(_keep_new(points, sparse, settings, judge.believed)))
     if believed := judge.believed:
         tracks = searches.look_beside(believed, judge.rejected)

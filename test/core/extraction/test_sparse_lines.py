@@ -10,17 +10,17 @@ from plc_inspect.config import Settings
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.extraction.alignment import LINE_RADIUS
 from plc_inspect.core.extraction.linearity import anchor, measure_scales
-from plc_inspect.core.extraction.sparse_lines import find_sparse_lines, MOST_NEAR
+from plc_inspect.core.extraction.sparse_lines import find_sparse_lines, list_places, MOST_NEAR
 from plc_inspect.core.pipeline import Pipeline
 
 LINEARITY = Settings().linearity
 GROUND = 40_000
 
 
-def look(points, settings=LINEARITY, density=3.0, min_votes=5):
+def look(points, settings=LINEARITY, min_votes=5):
     chosen = np.arange(len(points))
     scales = measure_scales(points, chosen, anchor(points, chosen, settings), settings)
-    return find_sparse_lines(scales, settings, density, min_votes)
+    return find_sparse_lines(*list_places(scales), settings, min_votes)
 
 
 def make_wire(rng, density, length=80.0, azimuth=0.7, slope=0.1, sag=1.0, aside=0.0):
@@ -32,6 +32,18 @@ def make_wire(rng, density, length=80.0, azimuth=0.7, slope=0.1, sag=1.0, aside=
         x * np.sin(azimuth) + aside * np.cos(azimuth), z,
     ))
     return points + rng.normal(0.0, 0.03, points.shape)
+
+
+def make_scanned(rng, num, pitch, aside, above, azimuth, length=54.0):
+    """Return points on a wire where lines a pitch apart cross it, ``num`` or one more in each."""
+    lines = np.arange(-length / 2, length / 2, pitch) + rng.uniform(0.0, pitch)
+    x = np.repeat(lines, rng.integers(num, num + 2, len(lines)))
+    z = above + 0.26 * x + 0.35 * (2.0 * x / length) ** 2
+    points = np.column_stack((
+        x * np.cos(azimuth) - aside * np.sin(azimuth),
+        x * np.sin(azimuth) + aside * np.cos(azimuth), z,
+    ))
+    return points + rng.normal(0.0, 0.02, points.shape)
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -61,9 +73,10 @@ def test_scattered_points_and_steep_lines_are_none():
     assert len(look(make_wire(rng, 0.7, slope=0.6)).position) == 0
 
 
-def test_dense_wires_and_places_in_crowns_are_left_out():
+def test_dense_wires_beside_each_other_and_places_in_crowns_are_left_out():
     rng = np.random.default_rng(5)
-    assert len(look(make_wire(rng, 8.0)).position) < 10
+    dense = [make_wire(rng, 20.0, aside=aside) for aside in (-0.6, 0.0, 0.6)]
+    assert len(look(np.concatenate(dense)).position) < 10
     wire = make_wire(rng, 0.7)
     middle = np.array([0.0, 0.0, 10.0])
     crown = rng.normal(middle, 3.0, (40 * MOST_NEAR, 3))
@@ -106,3 +119,26 @@ def test_sparse_conductors_are_found_in_longer_windows(monkeypatch, seed):
         Searches, 'look_sparsely', lambda self, curves: self.look_beside(curves[:0], curves)
     )
     assert (Pipeline(Settings()).run(points).line_id[GROUND:] >= 0).mean() < 0.1
+
+
+@pytest.mark.parametrize('pitch', [1.31, 1.6, 2.0])
+@pytest.mark.parametrize('num', [2, 5, 12])
+def test_wires_in_scan_lines_far_apart_are_found(num, pitch):
+    rng = np.random.default_rng([14, num])
+    azimuth = rng.uniform(-1.5, 1.5)
+    plan = rng.uniform((-60.0, -60.0), (60.0, 60.0), (GROUND, 2))
+    wires = [
+        make_scanned(rng, num, pitch, aside, above, azimuth)
+        for aside, above in ((0.2, 1.4), (0.0, 0.0), (-0.2, -1.4))
+    ]
+    points = np.concatenate((np.column_stack((plan, np.full(GROUND, -24.0))), *wires))
+    assert (Pipeline(Settings()).run(points).line_id[GROUND:] >= 0).mean() > 0.99
+
+
+def test_what_a_scan_line_has_of_a_wire_is_one_place():
+    rng = np.random.default_rng(15)
+    few, many = (
+        look(make_scanned(rng, num, 1.6, 0.0, 0.0, 0.4)) for num in (2, 12)
+    )
+    assert abs(len(many.position) - len(few.position)) <= 4
+    assert len(few.position) > 25
