@@ -58,9 +58,7 @@ Source: measured: bench/studies/odometry_faults.py and the demo flight: good odo
 SURELY = 2.0
 """
 Drift counts from this many standard deviations.
-Source: measured: bench/studies/odometry_faults.py --scenes medium_voltage contact rack --seeds 61
-63: doubled by 0.20 m at most of 18 flights, 0.24 m with 3, 0.27 m with 4; poses that are 2 cm off
-are left alone in all.
+Source: measured: bench/studies/odometry_faults.py: with 4, 3, 2 doubled by 0.27, 0.24, 0.20 m.
 """
 TWICE = 2
 """Consecutive batches that must agree.  Source: judgement."""
