@@ -3,6 +3,7 @@
 
 """The benches of faulty flights: the faults they do, and that a wrong row ends them with 1."""
 
+from dataclasses import replace
 import importlib
 from pathlib import Path
 import sys
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from spans import make_hazard, make_span
 
-from plc_inspect.results import Severity
+from plc_inspect.results import PointClass, Severity
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'bench'))
 flights = importlib.import_module('flights.faulty_flights')
@@ -24,7 +25,7 @@ sys.path.pop(0)
 LINE = make_span((0.0, 0.0, 10.0), (60.0, 0.0, 10.0))
 GHOST = make_span((0.0, 3.0, 10.0), (60.0, 3.0, 10.0))
 CRITICAL = make_hazard((30.0, 0.0, 8.0), severity=Severity.CRITICAL)
-SCENE = SimpleNamespace(name='made', conductors=[SimpleNamespace(
+SCENE = SimpleNamespace(name='made', seed=1, conductors=[SimpleNamespace(
     sample=lambda step: flights.trace([LINE])[1:],
 )])
 
@@ -36,6 +37,16 @@ def make_found(**changes):
         'said': {}, 'offset': 0.0, 'true': np.zeros((40, 3)), 'off': np.zeros((40, 3)),
     }
     return flights.Found(**(values | changes))
+
+
+@pytest.fixture(autouse=True)
+def stands(monkeypatch):
+    """Return a function that puts something of a class to a place of the scene."""
+    def put(place, label):
+        cloud = SimpleNamespace(exact=np.array([place]), label=np.array([label]))
+        monkeypatch.setattr(flights, 'simulate_map', lambda *_: cloud)
+    put((0.0, 0.0, -90.0), PointClass.GROUND)
+    return put
 
 
 @pytest.fixture(params=BENCHES, ids=lambda bench: bench.__name__)
@@ -74,6 +85,29 @@ def test_a_wrong_row_ends_with_1_and_is_named(bench, monkeypatch, capsys, change
     *_, count, name = capsys.readouterr().out.splitlines()
     assert count.startswith('1 ')
     assert name.strip() in ('1 step of 2 m', 'rack 1 step of 2 m')
+
+
+@pytest.mark.parametrize(('place', 'label', 'code'), [
+    ((30.0, 0.0, 8.2), PointClass.VEGETATION, 0),
+    ((30.0, 0.0, 8.2), PointClass.TOWER, 1),
+    ((30.0, 0.0, 8.2), PointClass.WIRE, 1),
+    ((30.0, 0.0, 6.5), PointClass.VEGETATION, 1),
+    ((32.0, 0.0, 8.2), PointClass.VEGETATION, 1),
+])
+def test_a_critical_is_right_where_something_stands(
+    bench, monkeypatch, stands, place, label, code
+):
+    stands(place, label)
+    assert run(bench, monkeypatch, make_found(hazards=(CRITICAL,))) == code
+
+
+@pytest.mark.parametrize(('nearer', 'code'), [(0.2, 0), (0.4, 1)])
+def test_what_stands_is_as_near_as_a_critical_says(bench, monkeypatch, stands, nearer, code):
+    place = np.array([30.0, 0.0, 8.2])
+    stands(place, PointClass.VEGETATION)
+    away = np.linalg.norm(flights.trace([LINE])[1:] - place, axis=1).min()
+    found = make_found(hazards=(replace(CRITICAL, clearance=away - nearer),))
+    assert run(bench, monkeypatch, found) == code
 
 
 @pytest.mark.parametrize(('change', 'code'), [
