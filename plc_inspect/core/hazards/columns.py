@@ -8,8 +8,7 @@ These are poles that no span was found to hang on, their stays, and service drop
 
 A column is what is thin in plan over metres of its height, with nothing about it; a crown is
 wider.  Only what stands as high as a conductor that passes it closely is a pole of the line, so a
-trunk whose crown is above it is left to the rules, and so is a mast away from the line that ends
-below its conductors, or above where they hang; one as high as those stands as far off as poles do.
+mast away from the line, or a trunk whose crown is above it, is left to the rules.
 """
 
 from collections.abc import Sequence
@@ -122,18 +121,19 @@ def find_columns(
     Returns
     -------
     held, lone : (K,) bool
-        Those near an end of a conductor, which they hold, or farther off and as high; and those
-        beside it elsewhere.
+        Those near an end of a conductor, which they hold, and those elsewhere.
 
     """
     held, lone = np.zeros((2, len(points)), dtype=bool)
     near = np.flatnonzero(distance < FARTHEST)
-    from_end, beside, above, ends = np.empty((4, len(near)))
+    from_end, beside, above = np.empty((3, len(near)))
     for number in np.unique(owner[near]).tolist():
         mine, model = np.flatnonzero(owner[near] == number), models[number]
         x, beside[mine], above[mine] = model.part(points[near[mine]])
         from_end[mine] = np.minimum(x - model.low, model.high - x)
-        ends[mine] = max(model.span.start[2], model.span.end[2])
+    chosen = beside < BESIDE + 3.0 * CELL
+    near = near[chosen]
+    from_end, beside, above = (own[chosen] for own in (from_end, beside, above))
     if len(near) < LEAST_POINTS:
         return held, lone
     voxel, count = _count_voxels(points[near])
@@ -158,15 +158,13 @@ def find_columns(
         within = np.hypot(*(plan - middle).T) <= AXIS
         bottom, top = low[2] * LAYER, high[2] * LAYER
         within &= points[near, 2] >= bottom
-        if not within.any():
+        if not within.any() or beside[within].min() > BESIDE:
             continue
         if _measure_width(plan[within & (points[near, 2] <= top)]) > THICK:
             continue
         # how far the conductor is above the top of the bare part
         rise = np.median(points[near[within], 2] + above[within]) - top
-        if beside[within].min() > BESIDE:
-            held[near[within]] |= rise <= BELOW and top <= np.median(ends[within]) + BELOW
-        elif rise <= BELOW:
+        if rise <= BELOW:
             at_end = float(np.median(from_end[within])) <= END_ROOM
             (held if at_end else lone)[near[within]] = True
     return held, lone
