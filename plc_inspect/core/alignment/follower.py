@@ -58,7 +58,7 @@ Source: measured: bench/studies/odometry_faults.py and the demo flight: good odo
 SURELY = 2.0
 """
 Drift counts from this many standard deviations.
-Source: measured: bench/studies/odometry_faults.py: with 4, 3, 2 doubled by 0.27, 0.24, 0.20 m.
+Source: measured: bench/studies/odometry_faults.py --seeds 61 63: 0.27, 0.24, 0.20 m with 4, 3, 2.
 """
 TWICE = 2
 """Consecutive batches that must agree.  Source: judgement."""

@@ -73,10 +73,9 @@ def test_scattered_points_and_steep_lines_are_none():
     assert len(look(make_wire(rng, 0.7, slope=0.6)).position) == 0
 
 
-def test_dense_wires_beside_each_other_and_places_in_crowns_are_left_out():
+def test_dense_wires_and_places_in_crowns_are_left_out():
     rng = np.random.default_rng(5)
-    dense = [make_wire(rng, 20.0, aside=aside) for aside in (-0.6, 0.0, 0.6)]
-    assert len(look(np.concatenate(dense)).position) < 10
+    assert len(look(make_wire(rng, 8.0)).position) < 10
     wire = make_wire(rng, 0.7)
     middle = np.array([0.0, 0.0, 10.0])
     crown = rng.normal(middle, 3.0, (40 * MOST_NEAR, 3))
