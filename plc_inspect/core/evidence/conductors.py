@@ -175,7 +175,7 @@ def judge_curves(
     found, _ = find_curves(points, index, searches.look_steeply(judge.believed), settings, rng)
     judge.add(judge.try_again(_keep_new(points, found, settings, judge.believed)))
     found, _ = find_curves(points, index, searches.look_sparsely(judge.believed), settings, rng)
-    sparse = [curve for curve in found if has_gaps(points, curve)]
+    sparse = [curve for curve in found if has_gaps(points, index, curve)]
     judge.add(judge.try_more(_keep_new(points, sparse, settings, judge.believed)))
     if believed := judge.believed:
         tracks = searches.look_beside(believed, judge.rejected)

@@ -10,13 +10,14 @@ import numpy as np
 
 from plc_inspect.config import AlignmentSettings, Settings
 from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.profile import profile_curve
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.evidence.beside import find_nearest, ROOM, search_along, search_beside
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.linearity import LinearityResult, Scales
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.extraction.sparse_lines import find_sparse_lines, list_places
-from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
 from plc_inspect.results import Bool, Float64
 
 SHORTER = 0.8
@@ -169,11 +170,10 @@ def is_sparse(curve: Curve) -> bool:
     return len(curve.points) < SPARSE * curve.length
 
 
-def has_gaps(points: Float64, curve: Curve) -> bool:
+def has_gaps(points: Float64, index: PlanIndex, curve: Curve) -> bool:
     """Tell whether a curve is seen in few places: what a scan line has of it is one."""
-    along, _ = curve.local(points[curve.points])
-    places = np.unique(np.floor((along - curve.low) / PLACE))
-    return len(places) * PLACE < FILLED * curve.length
+    profile = profile_curve(points, index, curve, curve.low, curve.high, step=PLACE)
+    return profile.coverage < FILLED
 
 
 def _stretch(settings: AlignmentSettings) -> AlignmentSettings:
