@@ -55,9 +55,9 @@ ENGAGE, ENGAGE_AGAIN = 0.15, 0.12
 Drift from which scans are corrected, within a pass and after the vehicle has come back [m].
 Source: measured: bench/studies/odometry_faults.py and the demo flight: good odometry stays below.
 """
-SURELY = 2.0
+SURELY, SURELY_AGAIN = 4.0, 2.0
 """
-Drift counts from this many standard deviations.
+Standard deviations from which drift counts, likewise.
 Source: measured: bench/studies/odometry_faults.py --seeds 61 63: 0.27, 0.24, 0.20 m with 4, 3, 2.
 """
 TWICE = 2
@@ -330,8 +330,8 @@ class Follower:
         size = float(np.linalg.norm(off))
         way = off / max(size, 1e-9)
         sigma = float(np.sqrt(way @ fit.covariance[:3, :3] @ way))
-        least = ENGAGE_AGAIN if fit.age > AGAIN else ENGAGE
-        self._doubts = self._doubts + 1 if size > max(least, SURELY * sigma) else 0
+        least, surely = (ENGAGE_AGAIN, SURELY_AGAIN) if fit.age > AGAIN else (ENGAGE, SURELY)
+        self._doubts = self._doubts + 1 if size > max(least, surely * sigma) else 0
         if self._doubts < TWICE:
             return None
         self._following = True

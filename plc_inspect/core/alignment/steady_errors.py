@@ -82,10 +82,7 @@ correction sets in over the age of the cells, sooner for a large one.
 Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
 """
 SURELY = 4.0
-"""
-Number of standard deviations that counts as certain.
-Source: derived: of normal errors one in 16,000 is greater, and a flight has thousands of batches.
-"""
+"""Number of standard deviations that counts as certain.  Source: as SURELY of follower."""
 TWICE = 2
 """Consecutive batches that must agree.  Source: judgement."""
 TURNS, SHARED = 3, 2.0

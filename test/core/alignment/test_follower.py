@@ -8,7 +8,7 @@ from plc_inspect.core.alignment.cell_comparison import LEAST_LOOKS, OPEN_NS
 from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.normal_cells import NormalCells
 from plc_inspect.core.alignment.parts import BY_RATE, Part, Seen
-from plc_inspect.core.alignment.registration import fit_heading, fit_points
+from plc_inspect.core.alignment.registration import Fit, fit_heading, fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 
 START = 1_700_000_000_000_000_000
@@ -116,6 +116,24 @@ def test_a_pose_that_is_off_alone_is_no_step():
     assert not follower.parts
     assert not parts
     assert len(entered) >= 117
+
+
+@pytest.mark.parametrize(('age', 'deviations', 'follows'), [
+    (5.0, 5.0, True), (5.0, 3.0, False), (20.0, 3.0, True), (20.0, 1.0, False),
+])
+def test_less_tells_of_drift_once_the_vehicle_has_come_back(
+    monkeypatch, age, deviations, follows
+):
+    def fit(cells, points, start, before, stamp_ns, *, held):
+        return Fit(
+            move=RigidMove(np.array([0.0, 0.3, 0.0]), 0.0, start.centre),
+            covariance=np.diag([(0.3 / deviations) ** 2] * 3 + [1e-4]),
+            matched=len(points), fitting=len(points), age=age,
+        )
+    monkeypatch.setattr('plc_inspect.core.alignment.follower.fit_points', fit)
+    follower = Follower()
+    fly(follower, lambda when: np.zeros(3), seconds=4.0)
+    assert follower.following is follows
 
 
 def test_a_drift_is_followed():
