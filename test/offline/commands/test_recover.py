@@ -28,11 +28,6 @@ from plc_inspect.setting_names import to_mapping, update
 SETTINGS = update(Settings(), {'map.max_voxels': 200_000, 'hazards.warning_distance': 4.5})
 
 
-def size_of(folder):
-    """Return the bytes of a record."""
-    return sum(path.stat().st_size for path in list_segments(folder))
-
-
 def make_record(folder, spreads=()):
     """Write the record of a flight that was killed; return what was known in it."""
     intake = Intake(SETTINGS, Health(), print)
@@ -47,10 +42,9 @@ def make_record(folder, spreads=()):
     for _ in range(4):
         points = make_sample()
         voxels.insert(points[rng.random(len(points)) < 0.6])
-        before = size_of(folder)
         recording.flush()
         until = time.monotonic() + 30.0
-        while size_of(folder) == before and time.monotonic() < until:
+        while recording._recorder.busy and time.monotonic() < until:
             time.sleep(0.01)  # each in a chunk of its own
     state, result, _ = session.conclude(voxels.centroids(), SETTINGS, 1, complete=True)
     recording.keep(replace(session.remember(), spreads=spreads))
