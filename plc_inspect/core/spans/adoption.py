@@ -25,7 +25,7 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import choose_pairs, meet_ends
 from plc_inspect.core.spans.standing_poles import ARM, StandingPole
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool
+from plc_inspect.results import Bool, Float64
 
 ADOPTION_MISS = 0.3
 """
@@ -48,20 +48,63 @@ As many that bear a pipe which seems to sag, as drift makes it do.
 Source: derived: no line has five poles so close; random_scenes.py, 345019: 51 m on nine of them,
 with a sag of 0.1 m.
 """
+LONGEST_ARM = 24.0
+"""
+Length of what a pole bears by its middle, at most [m].
+Source: judgement: arms of monopoles for 500 kV reach 8 to 10 m to each side.
+"""
+OFF_MIDDLE = 0.15
+"""
+Distance of the pole from the middle of its arm, as a share of the arm.
+Source: judgement: the ends of one that is seen in part lie askew.
+"""
+ARM_END, HANGING = 2.0, 5.0
+"""
+Distance in plan of a conductor from the end of an arm, and below or above it, at most [m].
+Source: judgement: conductors hang near the end of an arm, from strings of up to 4.5 m at 500 kV.
+"""
+ACROSS = math.sin(math.radians(45.0))
+"""Sine of the turn from an arm to a conductor on it, at least.  Source: judgement."""
 
 
 def find_borne(
     curves: Sequence[Curve], poles: Sequence[StandingPole], settings: CatenarySettings
 ) -> tuple[Curve, ...]:
-    """Return the curves that poles bear at even short intervals, as they bear pipes and rails."""
+    """
+    Return the curves that poles bear as they bear pipes and rails, or their own arms.
+
+    A pipe rests on them at even short intervals, an arm in its middle, with conductors across it
+    at both of its ends.
+    """
     borne = []
     for curve in curves:
         x = sorted(curve.local_place(pole.position)[0] for pole in poles if pole.holds(curve))
-        bays = np.diff([at for at in x if curve.low - ARM <= at <= curve.high + ARM])
-        least = LEAST_BAYS if may_be_held(curve, settings) else SURE_BAYS
-        if is_regular(bays, LONGEST_BAY, least):
+        x = [at for at in x if curve.low - ARM <= at <= curve.high + ARM]
+        held = may_be_held(curve, settings)
+        least = LEAST_BAYS if held else SURE_BAYS
+        if is_regular(np.diff(x), LONGEST_BAY, least) or (held and _is_arm(curve, x, curves)):
             borne.append(curve)
     return tuple(borne)
+
+
+def _is_arm(curve: Curve, held: Sequence[float], curves: Sequence[Curve]) -> bool:
+    """Tell whether a curve is held in its middle alone, and others pass across both its ends."""
+    middle, most = 0.5 * (curve.low + curve.high), OFF_MIDDLE * curve.length
+    if curve.length > LONGEST_ARM or not held or max(abs(x - middle) for x in held) > most:
+        return False
+    return all(
+        any(_passes_across(other, curve, end) for other in curves if other is not curve)
+        for end in curve.position(np.array([curve.low, curve.high]))
+    )
+
+
+def _passes_across(curve: Curve, arm: Curve, end: Float64) -> bool:
+    """Tell whether a curve passes near the end of an arm (3,), or ends there."""
+    if abs(curve.row[SIN] * arm.row[COS] - curve.row[COS] * arm.row[SIN]) < ACROSS:
+        return False
+    x, y = curve.local_place(end)
+    near = abs(y) <= ARM_END and curve.low - ARM_END <= x <= curve.high + ARM_END
+    return near and abs(float(curve.fit.height(x)) - float(end[2])) <= HANGING
 
 
 def adopt(

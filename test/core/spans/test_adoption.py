@@ -177,3 +177,23 @@ def test_what_poles_bear_at_short_intervals_is_no_conductor(places, c, kept):
         for x in places
     ]
     assert find_borne((curve,), poles, SETTINGS.catenary) == (() if kept else (curve,))
+
+
+def make_arm(reach, drop=1.5):
+    """Return a straight bar across two conductors near its ends, and the curves of these."""
+    wires = [make_wire((-60.0, y, 16.0 - drop), (60.0, y, 16.0 - drop), 900.0, per_metre=8.0)
+             for y in (-7.7, 7.7)]
+    arm = make_wire((0.0, -reach, 16.0), (0.0, reach, 16.0), 1e6, per_metre=30.0)
+    return make_curve(arm), *(make_curve(wire) for wire in wires)
+
+
+@pytest.mark.parametrize(('reach', 'place', 'kept'), [
+    (8.0, 0.0, False),  # of a monopole
+    (8.0, 6.0, True),  # a wire that leaves a pole beside the conductors
+    (11.0, 0.0, True),  # a wire that crosses both conductors at their pole
+])
+def test_what_a_pole_bears_in_the_middle_alone_is_its_arm(reach, place, kept):
+    arm, *wires = make_arm(reach)
+    pole = StandingPole(position=np.array([0.0, place]), base=0.0, top=18.0)
+    assert find_borne((arm, *wires), [pole], SETTINGS.catenary) == (() if kept else (arm,))
+    assert find_borne((arm, wires[0]), [pole], SETTINGS.catenary) == ()
