@@ -6,7 +6,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import CorridorSettings
@@ -147,11 +147,11 @@ def choose_step(num_points: int) -> int:
     return max(num_points // MAX_PROBES, 1)
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _are_inside(distance, span, radius):  # type: ignore[no-untyped-def]
     """Tell the points within the radius of their span."""
     result = np.empty(len(distance), dtype=np.bool_)
-    for k in prange(len(distance)):
+    for k in range(len(distance)):
         result[k] = distance[k] <= radius[span[k]]
     return result
 

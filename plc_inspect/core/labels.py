@@ -174,9 +174,9 @@ def _are_around(near, height, line_id, support):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _put_foliage(near, foliage, classification):  # type: ignore[no-untyped-def]
-    for k in prange(len(near)):
+    for k in range(len(near)):
         if foliage[k]:
             classification[near[k]] = CLASS_VEGETATION
 

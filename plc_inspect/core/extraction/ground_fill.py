@@ -3,7 +3,7 @@
 
 """Fills the cells of the ground in which nothing was seen from those near them."""
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.extraction.ground_grid import FINE
@@ -126,14 +126,14 @@ def _shrink(values):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
     """Fill cells that are not finite, bilinearly, from a grid of twice the cell size."""
     rows, columns = values.shape
     last_row, last_column = coarse.shape[0] - 1, coarse.shape[1] - 1
     result = np.empty((rows, columns), dtype=np.float32)
     near, far = np.float32(0.75), np.float32(0.25)
-    for row in prange(rows):
+    for row in range(rows):
         y = min(max((row - 0.5) / 2, 0.0), float(last_row))
         r0 = min(int(y), max(last_row - 1, 0))
         up = np.float32(y - r0)

@@ -5,7 +5,7 @@
 
 from dataclasses import dataclass
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.extraction.ground_fill import fill_all, fill_near, keep
@@ -152,7 +152,7 @@ def is_low(surface: Float32, dense: Float32, sure: Float32) -> Bool:
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-untyped-def]
     """
     Tell the cells that have seen cells on all sides from those in thin lines.
@@ -162,7 +162,7 @@ def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-unty
     rows, columns = seen.shape
     # count seen cells along each row, by a moving window
     along = np.empty((rows, columns), dtype=np.int32)
-    for row in prange(rows):
+    for row in range(rows):
         count = 0
         for column in range(-AREAL_REACH, columns):
             if column + AREAL_REACH < columns:
@@ -174,7 +174,7 @@ def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-unty
     # add the rows of the square up, and compare with the cells that the grid has there
     result = np.empty((rows, columns), dtype=np.bool_)
     least = np.float32((2 * AREAL_REACH + 1) ** 2 * available_least)
-    for row in prange(rows):
+    for row in range(rows):
         first, last = max(row - AREAL_REACH, 0), min(row + AREAL_REACH, rows - 1)
         area = np.zeros(columns, dtype=np.int32)
         for other in range(first, last + 1):
@@ -188,7 +188,7 @@ def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-unty
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
     """
     Clear cells without company as low within STRAY_REACH: multipath returns and noise.
@@ -198,7 +198,7 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
     reach = max(LEAST_STRAY_REACH, int(np.ceil(STRAY_REACH / cell)))
     rows, columns = lowest.shape
     result = lowest.copy()
-    for row in prange(rows):
+    for row in range(rows):
         for column in range(columns):
             z = lowest[row, column]
             if np.isnan(z):
@@ -228,7 +228,7 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _find_seen(surface, cell, max_slope):  # type: ignore[no-untyped-def]
     """Tell the cells that lie little above the lower envelope of a surface: they show ground."""
     rows, columns = surface.shape
@@ -236,13 +236,13 @@ def _find_seen(surface, cell, max_slope):  # type: ignore[no-untyped-def]
     envelope = _lower_envelope(surface, cell, max_slope, first, last)
     band, slope = np.float32(SEEN_BAND), np.float32(SEEN_SLOPE * cell * max_slope)
     seen = np.zeros((rows, columns), dtype=np.bool_)
-    for row in prange(rows):
+    for row in range(rows):
         for column in range(first[row], last[row]):
             seen[row, column] = surface[row, column] <= envelope[row, column] + band + slope
     return seen
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _limit_sweeps(surface, cell, max_slope):  # type: ignore[no-untyped-def]
     """
     Return the first cell of each row that matters to the envelope, and that behind the last.
@@ -253,7 +253,7 @@ def _limit_sweeps(surface, cell, max_slope):  # type: ignore[no-untyped-def]
     rows, columns = surface.shape
     begin, end = np.full(rows, columns), np.zeros(rows, dtype=np.int64)
     low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
-    for row in prange(rows):
+    for row in range(rows):
         for column in range(columns):
             z = surface[row, column]
             if not np.isnan(z):
@@ -264,7 +264,7 @@ def _limit_sweeps(surface, cell, max_slope):  # type: ignore[no-untyped-def]
     if not 0.0 <= steps < max(rows, columns):  # -inf where no cell is known
         return first, last
     reach = int(steps / 2) + STEPS_MORE
-    for row in prange(rows):
+    for row in range(rows):
         near = slice(max(row - reach, 0), row + reach + 1)
         first[row] = max(begin[near].min() - reach, 0)
         last[row] = min(end[near].max() + reach, columns)

@@ -185,9 +185,9 @@ def _find_sparse(key, filled, table, max_occupied):  # type: ignore[no-untyped-d
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _pick_bits(bits, column_of, level):  # type: ignore[no-untyped-def]
     result = np.empty(len(column_of), dtype=np.bool_)
-    for k in prange(len(column_of)):
+    for k in range(len(column_of)):
         result[k] = (bits[column_of[k]] >> np.uint64(level[k])) & np.uint64(1)
     return result

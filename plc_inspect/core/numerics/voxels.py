@@ -295,12 +295,12 @@ def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
     total[9] += row[9] + 2 * dz * sz + n * dz * dz
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _shift_to_parents(index, moments, size):  # type: ignore[no-untyped-def]
     """Return the key of each voxel's parent, and its moments about the parent's centre."""
     keys = np.empty(len(index), dtype=np.int64)
     shifted = np.empty((len(index), NUM_MOMENTS))
-    for i in prange(len(index)):
+    for i in range(len(index)):
         ix, iy, iz = index[i, 0], index[i, 1], index[i, 2]
         keys[i] = pack(ix >> 1, iy >> 1, iz >> 1)
         shifted[i] = 0.0

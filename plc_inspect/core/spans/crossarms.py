@@ -11,7 +11,7 @@ the gap is empty.  What grows into a line is as long as it is wide.
 
 from collections.abc import Sequence
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
@@ -143,13 +143,13 @@ def _stand_below(cloud: OffGround, wire: Bool, bars: Float64) -> StandingPole | 
     )
 
 
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
+@njit(cache=True, nogil=True, error_model='numpy')
 def _find_bars(  # type: ignore[no-untyped-def]
     points, start, order, corner, cell, num_rows, num_columns, rows, first, other, wire
 ):
     """List for each row the bars to those others of higher number that are beside it."""
     found = [np.zeros((0, BAR)) for _ in range(len(rows))]
-    for number in prange(len(rows)):
+    for number in range(len(rows)):
         row = rows[number]
         low, high = row[LOW], row[HIGH]
         x0, y0 = plan_of(row, low)

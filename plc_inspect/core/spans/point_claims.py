@@ -6,7 +6,7 @@
 import dataclasses
 import math
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary.curve import pack_curves
@@ -128,7 +128,7 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
     )
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _claim(  # type: ignore[no-untyped-def]
     points, near, distance, start, rows, start_x, tolerance, number,
     support, line_id, span_id, residual,
@@ -142,7 +142,7 @@ def _claim(  # type: ignore[no-untyped-def]
     along = np.empty(len(near))
     own, other = np.zeros(len(near), dtype=np.bool_), np.zeros(len(near), dtype=np.bool_)
     num_claimed = np.zeros(len(rows), dtype=np.int64)
-    for s in prange(len(rows)):
+    for s in range(len(rows)):
         num = 1
         for k in range(start[s], start[s + 1]):
             x, _ = to_local(rows[s], points[near[k], 0], points[near[k], 1])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve, pack_curves
@@ -259,7 +259,7 @@ def _list_columns(cloud: OffGround, rows: Float64, wire: Bool) -> list[Float64]:
     ]
 
 
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
+@njit(cache=True, nogil=True, error_model='numpy')
 def _mark_columns(  # type: ignore[no-untyped-def]
     points, height, start, order, corner, cell, num_rows, num_columns, rows, wire,
     first,
@@ -267,7 +267,7 @@ def _mark_columns(  # type: ignore[no-untyped-def]
     """Tell for each two cells along each row's curve whether a column may stand there."""
     marks = [np.zeros(0, dtype=np.bool_) for _ in range(len(rows))]
     across = int(2 * (BESIDE + COLUMN) / CELL) + 1
-    for number in prange(len(rows)):
+    for number in range(len(rows)):
         row = rows[number]
         low, high = row[LOW], row[HIGH]
         near = gather_strip(
