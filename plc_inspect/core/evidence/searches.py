@@ -33,12 +33,12 @@ Source: derived: a neighbourhood of 1.5 m then holds fewer than five, and those 
 are as wide as what is beside it; bench/frames.py --noise: with 0 autzen_wires_north gave no line
 in 11 of 16 frames; uav_chemical_plant_no_wires has false lines where dense things are searched so.
 """
-PLACE, FILLED = 0.5, 0.75
+GAP, MOST_BARE = 0.5, 0.25
 """
-Length of a place along a curve [m], and share of them below which a curve has gaps.
-Source: derived: SPARSE points a metre that lie at random fill as many; measured: wires in scan
-lines 1.3 to 2 m apart (test/core/extraction/test_sparse_lines.py) were lost in 9, 12 and 15 of 18
-clouds with 5, 8 and 12 points in each line while SPARSE was asked, and now in none.
+What lies farther from both of the points about it than half of this is bare [m], and the share of
+a curve that is so at least where it has gaps.
+Source: derived: of SPARSE points a metre that lie at random as much; measured: of wires in scan
+lines 1 to 2 m apart, 2 to 12 points in each (test/core/extraction/test_sparse_lines.py).
 """
 STRETCH = 3.0
 """
@@ -171,9 +171,13 @@ def is_sparse(curve: Curve) -> bool:
 
 
 def has_gaps(points: Float64, index: PlanIndex, curve: Curve) -> bool:
-    """Tell whether a curve is seen in few places: what a scan line has of it is one."""
-    profile = profile_curve(points, index, curve, curve.low, curve.high, step=PLACE)
-    return profile.coverage < FILLED
+    """Tell whether a curve has few points, or these lie in few places, as scan lines do."""
+    if is_sparse(curve):
+        return True
+    profile = profile_curve(points, index, curve, curve.low, curve.high)
+    x = np.sort(curve.local(points[profile.chosen])[0])
+    steps = np.diff(x, prepend=curve.low, append=curve.high)
+    return float(np.maximum(steps - GAP, 0.0).sum()) > MOST_BARE * curve.length
 
 
 def _stretch(settings: AlignmentSettings) -> AlignmentSettings:

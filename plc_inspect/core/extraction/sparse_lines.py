@@ -27,11 +27,11 @@ from plc_inspect.results import Float64, Int64
 
 BLOCK = 3
 """Voxels along the edge of a block.  Source: derived: that of `linearity.Likeness`."""
-MOST_FILLED = 7
+MOST_FILLED = 6
 """
-Parts of a block, half as long as its voxels, that hold points: fewer about a sparse place.
-Source: derived: a wire without gaps fills six, and more where it runs aslant; with 9 one of eight
-points a metre had sparse places, and a cloud of 10 million points took 45 ms longer.
+Parts of a block, half as long as its voxels, that hold points about a sparse place, at most.
+Source: derived: a wire without gaps fills six where it runs along a block, and more aslant; with 8
+one of eight points a metre had sparse places, and a cloud of 10 million points took 45 ms longer.
 """
 REACH = 8.0
 """
@@ -65,10 +65,12 @@ def list_places(scales: Scales) -> tuple[Float64, Int64]:
     position : (M, 3) float64
         Mean of the points of each voxel [m].
     sparse : (S,) int64
-        Numbers of those that are sparse.
+        Numbers of those that are sparse; none where no finer voxels are known.
 
     """
     voxels, fine = (scales.levels[max(len(scales.levels) - k, 0)][0] for k in (2, 3))
+    if voxels is fine:
+        return voxels.centroids(), np.empty(0, dtype=np.int64)
     sparse = np.flatnonzero(_are_sparse(
         voxels.index, voxels.key, voxels.table, fine.index, round(voxels.size / fine.size)
     ))
@@ -134,7 +136,7 @@ def _are_sparse(index, key, table, fine, parts):  # type: ignore[no-untyped-def]
             )
             if slot >= 0:
                 num += filled[slot]
-            if num >= MOST_FILLED:
+            if num > MOST_FILLED:
                 result[k] = False
                 break
     return result

@@ -3,6 +3,8 @@
 
 """Lines of points that lie too far apart for a neighbourhood."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,10 +36,10 @@ def make_wire(rng, density, length=80.0, azimuth=0.7, slope=0.1, sag=1.0, aside=
     return points + rng.normal(0.0, 0.03, points.shape)
 
 
-def make_scanned(rng, num, pitch, aside, above, azimuth, length=54.0):
-    """Return points on a wire where lines a pitch apart cross it, ``num`` or one more in each."""
+def make_scanned(rng, num, pitch, aside, above, azimuth, more=2, length=54.0):
+    """Return points on a wire where lines a pitch apart cross it, fewer than ``more`` over num."""
     lines = np.arange(-length / 2, length / 2, pitch) + rng.uniform(0.0, pitch)
-    x = np.repeat(lines, rng.integers(num, num + 2, len(lines)))
+    x = np.repeat(lines, rng.integers(num, num + more, len(lines)))
     z = above + 0.26 * x + 0.35 * (2.0 * x / length) ** 2
     points = np.column_stack((
         x * np.cos(azimuth) - aside * np.sin(azimuth),
@@ -71,6 +73,13 @@ def test_scattered_points_and_steep_lines_are_none():
     rng = np.random.default_rng(4)
     assert len(look(rng.uniform(0.0, 40.0, (300, 3))).position) < 10
     assert len(look(make_wire(rng, 0.7, slope=0.6)).position) == 0
+
+
+def test_few_scales_have_no_sparse_places():
+    rng = np.random.default_rng(8)
+    for num, least, most in ((1, 0, 0), (2, 0, 0), (3, 40, 80)):
+        found = look(make_wire(rng, 0.7), replace(LINEARITY, num_scales=num))
+        assert least <= len(found.position) <= most
 
 
 def test_dense_wires_and_places_in_crowns_are_left_out():
@@ -120,18 +129,29 @@ def test_sparse_conductors_are_found_in_longer_windows(monkeypatch, seed):
     assert (Pipeline(Settings()).run(points).line_id[GROUND:] >= 0).mean() < 0.1
 
 
-@pytest.mark.parametrize('pitch', [1.31, 1.6, 2.0])
-@pytest.mark.parametrize('num', [2, 5, 12])
-def test_wires_in_scan_lines_far_apart_are_found(num, pitch):
-    rng = np.random.default_rng([14, num])
+def find_scanned(seed, num, pitch, more):
+    """Return which share of the points of three wires in scan lines a pitch apart are found."""
+    rng = np.random.default_rng([seed, num])
     azimuth = rng.uniform(-1.5, 1.5)
     plan = rng.uniform((-60.0, -60.0), (60.0, 60.0), (GROUND, 2))
     wires = [
-        make_scanned(rng, num, pitch, aside, above, azimuth)
+        make_scanned(rng, num, pitch, aside, above, azimuth, more)
         for aside, above in ((0.2, 1.4), (0.0, 0.0), (-0.2, -1.4))
     ]
     points = np.concatenate((np.column_stack((plan, np.full(GROUND, -24.0))), *wires))
-    assert (Pipeline(Settings()).run(points).line_id[GROUND:] >= 0).mean() > 0.99
+    return (Pipeline(Settings()).run(points).line_id[GROUND:] >= 0).mean()
+
+
+@pytest.mark.parametrize('pitch', [1.31, 1.6, 2.0])
+@pytest.mark.parametrize('num', [2, 5, 12])
+def test_wires_in_scan_lines_far_apart_are_found(num, pitch):
+    assert find_scanned(14, num, pitch, 2) > 0.99
+
+
+@pytest.mark.parametrize(('num', 'pitch'), [(1, 0.48), (1, 0.55), (1, 0.62), (2, 1.0), (12, 1.0)])
+def test_wires_seen_at_even_steps_are_found(num, pitch):
+    found = [find_scanned(seed, num, pitch, 1) for seed in (900, 901, 902)]
+    assert min(found) > 0.99
 
 
 def test_what_a_scan_line_has_of_a_wire_is_one_place():
