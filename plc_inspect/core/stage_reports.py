@@ -11,7 +11,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.evidence.conductors import ConductorResult
-from plc_inspect.core.evidence.validation import HELD
+from plc_inspect.core.evidence.validation import BORNE
 from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.core.extraction.dust import LONE
 from plc_inspect.core.extraction.height import HeightResult
@@ -123,11 +123,11 @@ def report_catenary(conductors: ConductorResult, clustering: ClusteringResult) -
 
 
 def report_supports(layout: Layout, spans: SpanResult, num_borne: int) -> Outcome:
-    """Count joints and supports, and curves that poles bear as they bear pipes."""
+    """Count joints and supports, and curves that poles bear."""
     return Outcome(
         num_in=len(layout.joints),
         num_kept=len(spans.supports),
-        dropped={HELD: num_borne},
+        dropped={BORNE: num_borne},
         values={
             'spans': len(spans.models), 'kinds': [support.kind for support in spans.supports],
         },

@@ -12,7 +12,7 @@ from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.evidence.conductors import judge_curves
-from plc_inspect.core.evidence.validation import HELD, list_evidence
+from plc_inspect.core.evidence.validation import BORNE, list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
 from plc_inspect.core.whole import make_draws
@@ -88,7 +88,7 @@ class Curves:
             )
             views.append(CurveView(
                 curve=curve, evidence=tuple(evidence),
-                objection=HELD if _key(curve) in borne else verdict.objection,
+                objection=BORNE if _key(curve) in borne else verdict.objection,
                 believed=_key(curve) in believed, adopted=_key(curve) in hung - believed,
             ))
         self.views = tuple(views)

@@ -18,12 +18,12 @@ from plc_inspect.core.evidence.built import LONGEST_BAY
 from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.contacts import is_regular
 from plc_inspect.core.evidence.roof_rows import are_roof_rows
-from plc_inspect.core.evidence.validation import may_be_held
+from plc_inspect.core.evidence.validation import may_be_held, prove_sag
 from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import choose_pairs, meet_ends
-from plc_inspect.core.spans.standing_poles import ARM, StandingPole
+from plc_inspect.core.spans.standing_poles import ARM, BESIDE, StandingPole
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
@@ -58,10 +58,11 @@ OFF_MIDDLE = 0.15
 Distance of the pole from the middle of its arm, as a share of the arm.
 Source: judgement: the ends of one that is seen in part lie askew.
 """
-ARM_END, HANGING = 2.0, 5.0
+ARM_END, HANGING, STANDING = 2.0, 5.0, 1.5
 """
-Distance in plan of a conductor from the end of an arm, and below or above it, at most [m].
-Source: judgement: conductors hang near the end of an arm, from strings of up to 4.5 m at 500 kV.
+Distance in plan of a conductor from the end of an arm, and below and above it, at most [m].
+Source: judgement: conductors hang near the end of an arm, from strings of up to 4.5 m at 500 kV,
+or stand on posts of insulators.
 """
 ACROSS = math.sin(math.radians(45.0))
 """Sine of the turn from an arm to a conductor on it, at least.  Source: judgement."""
@@ -78,24 +79,36 @@ def find_borne(
     """
     borne = []
     for curve in curves:
-        x = sorted(curve.local_place(pole.position)[0] for pole in poles if pole.holds(curve))
-        x = [at for at in x if curve.low - ARM <= at <= curve.high + ARM]
-        held = may_be_held(curve, settings)
-        least = LEAST_BAYS if held else SURE_BAYS
-        if is_regular(np.diff(x), LONGEST_BAY, least) or (held and _is_arm(curve, x, curves)):
+        places = [
+            curve.local_place(pole.position) for pole in poles if pole.holds(curve)
+        ]
+        x = sorted(x for x, _ in places if curve.low - ARM <= x <= curve.high + ARM)
+        least = LEAST_BAYS if may_be_held(curve, settings) else SURE_BAYS
+        if is_regular(np.diff(x), LONGEST_BAY, least) or (
+            prove_sag(curve, settings) < 1.0 and _is_arm(curve, places, curves)
+        ):
             borne.append(curve)
     return tuple(borne)
 
 
-def _is_arm(curve: Curve, held: Sequence[float], curves: Sequence[Curve]) -> bool:
-    """Tell whether a curve is held in its middle alone, and others pass across both its ends."""
+def _is_arm(
+    curve: Curve, poles: Sequence[tuple[float, float]], curves: Sequence[Curve]
+) -> bool:
+    """
+    Tell whether a curve is held in its middle alone, and others pass across its ends.
+
+    Of poles there are x along and y across it.
+    """
     middle, most = 0.5 * (curve.low + curve.high), OFF_MIDDLE * curve.length
-    if curve.length > LONGEST_ARM or not held or max(abs(x - middle) for x in held) > most:
+    if curve.length > LONGEST_ARM or not poles or not all(
+        abs(x - middle) <= most and abs(y) <= BESIDE for x, y in poles
+    ):
         return False
-    return all(
-        any(_passes_across(other, curve, end) for other in curves if other is not curve)
+    first, last = (
+        {number for number, other in enumerate(curves) if _passes_across(other, curve, end)}
         for end in curve.position(np.array([curve.low, curve.high]))
     )
+    return bool(first and last) and len(first | last) > 1
 
 
 def _passes_across(curve: Curve, arm: Curve, end: Float64) -> bool:
@@ -104,7 +117,7 @@ def _passes_across(curve: Curve, arm: Curve, end: Float64) -> bool:
         return False
     x, y = curve.local_place(end)
     near = abs(y) <= ARM_END and curve.low - ARM_END <= x <= curve.high + ARM_END
-    return near and abs(float(curve.fit.height(x)) - float(end[2])) <= HANGING
+    return near and -HANGING <= float(curve.fit.height(x)) - float(end[2]) <= STANDING
 
 
 def adopt(

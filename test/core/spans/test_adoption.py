@@ -179,21 +179,36 @@ def test_what_poles_bear_at_short_intervals_is_no_conductor(places, c, kept):
     assert find_borne((curve,), poles, SETTINGS.catenary) == (() if kept else (curve,))
 
 
-def make_arm(reach, drop=1.5):
-    """Return a straight bar across two conductors near its ends, and the curves of these."""
-    wires = [make_wire((-60.0, y, 16.0 - drop), (60.0, y, 16.0 - drop), 900.0, per_metre=8.0)
-             for y in (-7.7, 7.7)]
-    arm = make_wire((0.0, -reach, 16.0), (0.0, reach, 16.0), 1e6, per_metre=30.0)
+def make_arm(reach=8.0, at=7.7, drop=1.5, azimuth=0.0, c=1e6):
+    """Return a bar along y, and two conductors that pass below its ends, as curves."""
+    along = 60.0 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    wires = [
+        make_wire(middle - along, middle + along, 4500.0, per_metre=8.0)
+        for middle in np.array([[0.0, -at, 16.4 - drop], [0.0, at, 16.4 - drop]])
+    ]
+    arm = make_wire((0.0, -reach, 16.0), (0.0, reach, 16.0), c, per_metre=30.0)
     return make_curve(arm), *(make_curve(wire) for wire in wires)
 
 
-@pytest.mark.parametrize(('reach', 'place', 'kept'), [
-    (8.0, 0.0, False),  # of a monopole
-    (8.0, 6.0, True),  # a wire that leaves a pole beside the conductors
-    (11.0, 0.0, True),  # a wire that crosses both conductors at their pole
+@pytest.mark.parametrize(('changed', 'place', 'taken'), [
+    ({}, (0.0, 0.0), True),
+    ({}, (0.0, 6.0), False),  # a wire that leaves a pole beside the conductors
+    ({}, (2.0, 0.0), False),  # one that passes a pole
+    ({'reach': 11.0}, (0.0, 0.0), False),  # one that crosses both conductors at their pole
+    ({'reach': 13.0, 'at': 12.7}, (0.0, 0.0), False),  # too long
+    ({'drop': 6.0}, (0.0, 0.0), False),  # far above the conductors
+    ({'drop': -3.0}, (0.0, 0.0), False),  # below them
+    ({'azimuth': 1.0}, (0.0, 0.0), False),  # they run along it, rather than across
+    ({'c': 100.0}, (0.0, 0.0), False),  # it hangs
 ])
-def test_what_a_pole_bears_in_the_middle_alone_is_its_arm(reach, place, kept):
-    arm, *wires = make_arm(reach)
-    pole = StandingPole(position=np.array([0.0, place]), base=0.0, top=18.0)
-    assert find_borne((arm, *wires), [pole], SETTINGS.catenary) == (() if kept else (arm,))
+def test_what_a_pole_bears_in_the_middle_alone_is_its_arm(changed, place, taken):
+    arm, *wires = make_arm(**changed)
+    pole = StandingPole(position=np.array(place), base=0.0, top=18.0)
+    assert find_borne((arm, *wires), [pole], SETTINGS.catenary) == ((arm,) if taken else ())
     assert find_borne((arm, wires[0]), [pole], SETTINGS.catenary) == ()
+
+
+def test_a_piece_across_one_conductor_is_no_arm():
+    arm, wire, _ = make_arm(reach=2.2, at=0.0)
+    pole = StandingPole(position=np.zeros(2), base=0.0, top=18.0)
+    assert find_borne((arm, wire), [pole], SETTINGS.catenary) == ()
