@@ -21,8 +21,8 @@ from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.plumb import measure_leans, PlumbBook
 from plc_inspect.core.setup.sharpness import SharpnessBook
-from plc_inspect.results import PointClass, Severity
-from plc_inspect.sim.scenes.scene import Scene
+from plc_inspect.results import Severity
+from plc_inspect.sim.scenes.scene import Label, Scene
 from plc_inspect.sim.surveys.airborne import simulate_map
 from plc_inspect.sim.surveys.flight import Flight, simulate_flight
 from plc_inspect.sim.surveys.puck import Scan
@@ -279,23 +279,26 @@ def compare(found: Found, clean: Found, truth: Truth) -> Difference:
     Spans are ghosts where no conductor hangs in truth.
     """
     hung = cKDTree(truth.conductors + found.shift(truth.conductors))
-    things = cKDTree(truth.things + found.shift(truth.things))
     known = trace(clean.spans)[1:]
     known = known + found.shift(known) - clean.shift(known)
     own = cKDTree(trace(found.spans))
     places = np.array([h.position for h in clean.hazards]).reshape(-1, 3)
     places = places + found.shift(places) - clean.shift(places)
     critical = [h for h in found.hazards if h.severity == Severity.CRITICAL]
+    fresh = [h for h in critical if not any(
+        h.kind == other.kind and np.linalg.norm(place - h.position) < SAME
+        and (other.severity == h.severity or other.clearance < h.clearance + NEARER)
+        for place, other in zip(places, clean.hazards, strict=True)
+    )]
+    if fresh:  # millions of points, that most flights do not need
+        things = cKDTree(truth.things + found.shift(truth.things))
+        fresh = [h for h in fresh if not is_there(h, things, hung)]
     return Difference(
         spans=len(found.spans), known=len(clean.spans),
         ghosts=sum(bool(np.median(hung.query(trace([s])[1:])[0]) > NEAR) for s in found.spans),
         covered=float((own.query(known)[0] < NEAR).mean()) if len(known) else 1.0,
         criticals=len(critical),
-        false=sum(not any(
-            h.kind == other.kind and np.linalg.norm(place - h.position) < SAME
-            and (other.severity == h.severity or other.clearance < h.clearance + NEARER)
-            for place, other in zip(places, clean.hazards, strict=True)
-        ) and not is_there(h, things, hung) for h in critical),
+        false=len(fresh),
     )
 
 
@@ -312,5 +315,5 @@ def tell_truth(scene: Scene) -> Truth:
         conductors=np.concatenate([
             np.full((1, 3), 1e9), *[item.sample(0.5) for item in scene.conductors]
         ]),
-        things=cloud.exact[~np.isin(cloud.label, (PointClass.WIRE, PointClass.TOWER))],
+        things=cloud.exact[~np.isin(cloud.label, (Label.WIRE, Label.TOWER))],
     )

@@ -40,7 +40,7 @@ from flights.faulty_flights import (
 
 SCENES = ('low_voltage', 'medium_voltage', 'contact', 'street', 'rack')
 SEEDS = (41, 42)
-"""None of them was used in development, which had 1 to 3."""
+"""None of them was used in development, which had 1 to 3, and 61 and 63 for `follower.SURELY`."""
 LENGTH, SPEED = 52.0, 6.0
 """Of a flight [s], [m/s]: 150 m there and back."""
 DOUBLED = 0.2

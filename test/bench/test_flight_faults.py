@@ -91,7 +91,6 @@ def test_a_wrong_row_ends_with_1_and_is_named(bench, monkeypatch, capsys, change
     ((30.0, 0.0, 8.2), PointClass.VEGETATION, 0),
     ((30.0, 0.0, 8.2), PointClass.TOWER, 1),
     ((30.0, 0.0, 8.2), PointClass.WIRE, 1),
-    ((30.0, 0.0, 6.5), PointClass.VEGETATION, 1),
     ((32.0, 0.0, 8.2), PointClass.VEGETATION, 1),
 ])
 def test_a_critical_is_right_where_something_stands(
