@@ -57,10 +57,8 @@ Source: measured: bench/studies/odometry_faults.py and the demo flight: good odo
 """
 SURELY, SURELY_AGAIN = 4.0, 2.0
 """
-Standard deviations from which drift counts, likewise.
-Source: measured: bench/studies/odometry_faults.py --seeds 61 63, without a fault, with a step and
-with a drift, medium_voltage, contact and rack: doubled by 0.27, 0.24, 0.20 m at worst with 4, 3
-and 2 in both; within a pass 2 took the good odometry of the demo flight for drift.
+Standard deviations from which drift counts, likewise; 2 in a pass held the demo's odometry for it.
+Source: measured: odometry_faults.py --seeds 61 63: doubled by 0.27 m with 4 again, 0.20 m with 2.
 """
 TWICE = 2
 """Consecutive batches that must agree.  Source: judgement."""

@@ -10,7 +10,7 @@ import pytest
 from toys import make_ground, make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
-from plc_inspect.core.evidence.validation import HELD
+from plc_inspect.core.evidence.validation import BORNE
 from plc_inspect.core.explain.catenary_view import Curves, CurveView
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
@@ -245,8 +245,8 @@ def test_what_poles_bear_says_so():
     points = np.vstack([pipe, *posts, make_ground((-20, -20), (70, 20))])
     trace = Pipeline().trace(enter_frame(points)[0])
     assert not trace.models
-    assert [view.fate for view in Curves(trace, SETTINGS).views] == [HELD]
-    assert {stage.name: stage.dropped for stage in trace.result.stages}['supports'] == {HELD: 1}
+    assert [view.fate for view in Curves(trace, SETTINGS).views] == [BORNE]
+    assert {stage.name: stage.dropped for stage in trace.result.stages}['supports'] == {BORNE: 1}
 
 
 def test_a_point_far_away_is_told_as_isolated(cloud):
