@@ -205,6 +205,10 @@ def judge(flight: Flight, probe: Probe, warm_up: float, seconds: float) -> list[
     )]
     print(f'p95 of ticks in parts of {part:.0f} s after the warm-up: '
           f'{", ".join(f"{value:.0f}" for value in p95)} ms')
+    slowest = ticks[np.argsort(-ticks[:, 1])[:8]]
+    print('slowest ticks: ' + ', '.join(
+        f'{value / 1e3:.1f} s at {at:.0f} s' for at, value in sorted(slowest.tolist())
+    ))
     cores = (usage[-1, 1] - usage[0, 1]) / (usage[-1, 0] - usage[0, 0])
     print(f'{cores:.2f} cores; callbacks p99 {probe.values["callbacks p99 [ms]"]} ms')
     return [
