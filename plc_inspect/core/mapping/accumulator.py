@@ -228,10 +228,10 @@ class Accumulator:
         kept, stamps, not_finite, near, far, worst = select_points(
             points, times, stamp_ns, low, high
         )
-        timed = judge_times(time, len(kept), worst)
+        timed = judge_times(time, len(kept), worst) or placed or not len(kept)
         self._counts['scans'] += 1
         reason = self._gate.judge(
-            frame_id, layout, stamp_ns, find_ends(stamps, stamp_ns), self._clock.period
+            frame_id, layout, stamp_ns, find_ends(stamps, stamp_ns), self._clock.period, timed
         )
         if reason is not None:
             self._dropped[reason] += 1
@@ -245,7 +245,7 @@ class Accumulator:
         self._counts['not finite'] += not_finite + num_not_finite
         self._counts['too near'] += near
         self._counts['too far'] += far
-        self._counts['scans without time'] += not (timed or placed)
+        self._counts['scans without time'] += not timed
         self._clock.add(stamp_ns)
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()

@@ -25,6 +25,7 @@ class DropReason(enum.Enum):
     QUEUE_FULL = 'too many scans waiting for odometry'
     WRONG_FRAME = 'another frame than the scans before'
     OTHER_LAYOUT = 'x, y, z in another order than before'
+    NO_TIMES = 'without times of its points, which scans before had'
     OVERLAP = 'of the same time as another: two drivers on one topic?'
     DISPROVED = 'disproved by scans after it: is its stamp wrong, or a second driver there?'
     SET_BACK = 'earlier than all before: was the clock set back?'

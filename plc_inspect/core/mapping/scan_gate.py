@@ -40,6 +40,11 @@ LEAST_LATER = 2
 Scans that come after another one but are from before it, which show that its stamp is wrong.
 Source: derived: where two come in the wrong order it is one.
 """
+LEAST_TIMED = 10
+"""
+Scans with times of their points, after which one without is refused: where it lies is smeared.
+Source: judgement: a second of a driver, which does not lose them in flight.
+"""
 MOST_PHASE = 0.05
 """
 Greatest deviation from a whole number of periods of scans in one rhythm, in periods.
@@ -57,12 +62,16 @@ class ScanGate:
     off that rhythm are refused too, so that the other driver does not take over when a scan of the
     first is lost.
 
+    A driver that is started anew may leave the times of points out; scans that cannot be put right
+    as those before were would raise the smear of conductors as hazards.
+
     A scan from before all REMEMBERED may show that the clocks were set back, and the poses of its
     time be those from before: it is refused, until many show it, or the odometry does.
     """
 
     def __init__(self) -> None:
         self._frame_id = self._layout = ''
+        self._num_timed = 0
         self._set_back = SetBack()
         self.forget_times()
 
@@ -77,7 +86,7 @@ class ScanGate:
 
     def judge(
         self, frame_id: str, layout: str, stamp_ns: int, times: tuple[int, int],
-        period: float | None,
+        period: float | None, timed: bool = True,
     ) -> DropReason | None:
         """
         Accept a scan, or return why not.
@@ -92,6 +101,8 @@ class ScanGate:
             When the first and the last of its points were measured [ns].
         period : float or None
             Median time between scans [s].
+        timed : bool
+            Its points have times, or need none.
 
         Returns
         -------
@@ -104,6 +115,8 @@ class ScanGate:
             return DropReason.WRONG_FRAME
         if layout and layout != self._layout:
             return DropReason.OTHER_LAYOUT
+        if not timed and self._num_timed >= LEAST_TIMED:
+            return DropReason.NO_TIMES
         if any(stamp_ns == stamp for stamp, _ in self._judged):
             return DropReason.OVERLAP  # the same message again
         if len(self._taken) == REMEMBERED and stamp_ns < min(self._taken)[0]:
@@ -120,6 +133,7 @@ class ScanGate:
             else self._is_in_rhythm(stamp_ns, period)
         ):
             return DropReason.OVERLAP
+        self._num_timed += timed
         self._disprove(rivals)
         self._taken.append((stamp_ns, *times))
         self._disprove([

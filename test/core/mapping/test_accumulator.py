@@ -97,6 +97,22 @@ def test_times_that_are_all_the_stamp_are_counted_as_none(times, without):
     assert accumulator.counters().num_scans_without_time == without
 
 
+def test_a_driver_that_loses_the_times_in_flight_is_refused():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 3000)
+    points = np.full((2, 3), 5, np.float32)
+    for number in range(12):
+        accumulator.add_scan(START + (100 + 100 * number) * MS, points, np.array([-0.05, 0.0]))
+    inserted = accumulator.counters().num_scans_inserted
+    for number in range(12, 20):
+        accumulator.add_scan(START + (100 + 100 * number) * MS, points)
+        accumulator.add_scan(START + (150 + 100 * number) * MS, points[:0])
+    counters = accumulator.counters()
+    assert counters.scans_dropped == {DropReason.NO_TIMES.value: 8}
+    assert counters.num_scans_without_time == 0
+    assert counters.num_scans_inserted >= inserted
+
+
 def test_scans_that_are_placed_need_no_times():
     accumulator = make_accumulator(min_range=0.0)
     add_poses(accumulator, 0, 100, frame_id='odom', child_frame_id='base')

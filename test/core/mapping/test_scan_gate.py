@@ -6,15 +6,22 @@ import pytest
 
 from plc_inspect.core.mapping.scan_clock import RESTART_AFTER
 from plc_inspect.core.mapping.scan_counters import DropReason
-from plc_inspect.core.mapping.scan_gate import LEAST_CONFLICTS, REMEMBERED, ScanGate
+from plc_inspect.core.mapping.scan_gate import (
+    LEAST_CONFLICTS,
+    LEAST_TIMED,
+    REMEMBERED,
+    ScanGate,
+)
 
 MS = 1_000_000
 
 
-def judge(gate, stamp_ms, duration_ms=100, *, period=0.1, frame='lidar', layout='xyz'):
+def judge(
+    gate, stamp_ms, duration_ms=100, *, period=0.1, frame='lidar', layout='xyz', timed=True
+):
     stamp = round(stamp_ms * MS)
     times = stamp - round(duration_ms * MS), stamp
-    return gate.judge(frame, layout, stamp, times, period)
+    return gate.judge(frame, layout, stamp, times, period, timed)
 
 
 @pytest.mark.parametrize('duration', [0, 60, 100, 105])
@@ -30,6 +37,18 @@ def test_an_empty_scan_of_no_fields_tells_no_layout():
     assert judge(gate, 200, layout='yxz') is None
     assert judge(gate, 300, layout='') is None
     assert judge(gate, 400) == DropReason.OTHER_LAYOUT
+
+
+@pytest.mark.parametrize(('num', 'reason'), [
+    (0, None), (LEAST_TIMED - 1, None), (LEAST_TIMED, DropReason.NO_TIMES),
+])
+def test_scans_without_times_are_refused_after_those_with(num, reason):
+    gate = ScanGate()
+    assert [judge(gate, 100 * k) for k in range(1, num + 1)] == [None] * num
+    gate.forget_times()  # as the clock was set back, not the driver changed
+    untimed = [judge(gate, 100 * k, 0, timed=False) for k in range(50, 50 + 2 * LEAST_TIMED)]
+    assert untimed == [reason] * len(untimed)
+    assert judge(gate, 9900) is None
 
 
 def test_a_scan_without_a_frame_tells_no_frame():
