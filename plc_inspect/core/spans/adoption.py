@@ -79,10 +79,9 @@ def find_borne(
     """
     borne = []
     for curve in curves:
-        places = [
-            curve.local_place(pole.position) for pole in poles if pole.holds(curve)
-        ]
-        x = sorted(x for x, _ in places if curve.low - ARM <= x <= curve.high + ARM)
+        places = [curve.local_place(pole.position) for pole in poles if pole.holds(curve)]
+        places = [item for item in places if curve.low - ARM <= item[0] <= curve.high + ARM]
+        x = sorted(x for x, _ in places)
         least = LEAST_BAYS if may_be_held(curve, settings) else SURE_BAYS
         if is_regular(np.diff(x), LONGEST_BAY, least) or (
             prove_sag(curve, settings) < 1.0 and _is_arm(curve, places, curves)
@@ -97,7 +96,7 @@ def _is_arm(
     """
     Tell whether a curve is held in its middle alone, and others pass across its ends.
 
-    Of poles there are x along and y across it.
+    Of the poles that hold it there are x along it and y across it (P, 2) [m].
     """
     middle, most = 0.5 * (curve.low + curve.high), OFF_MIDDLE * curve.length
     if curve.length > LONGEST_ARM or not poles or not all(
@@ -112,7 +111,7 @@ def _is_arm(
 
 
 def _passes_across(curve: Curve, arm: Curve, end: Float64) -> bool:
-    """Tell whether a curve passes near the end of an arm (3,), or ends there."""
+    """Tell whether a curve passes near the end of an arm (3,) [m], or ends there."""
     if abs(curve.row[SIN] * arm.row[COS] - curve.row[COS] * arm.row[SIN]) < ACROSS:
         return False
     x, y = curve.local_place(end)

@@ -1,6 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -204,7 +205,9 @@ def make_arm(reach=8.0, at=7.7, drop=1.5, azimuth=0.0, c=1e6):
 def test_what_a_pole_bears_in_the_middle_alone_is_its_arm(changed, place, taken):
     arm, *wires = make_arm(**changed)
     pole = StandingPole(position=np.array(place), base=0.0, top=18.0)
-    assert find_borne((arm, *wires), [pole], SETTINGS.catenary) == ((arm,) if taken else ())
+    beside = replace(pole, position=np.array([0.0, 90.0]))  # of a line that runs alongside
+    for poles in ([pole], [pole, beside]):
+        assert find_borne((arm, *wires), poles, SETTINGS.catenary) == ((arm,) if taken else ())
     assert find_borne((arm, wires[0]), [pole], SETTINGS.catenary) == ()
 
 
