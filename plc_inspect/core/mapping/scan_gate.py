@@ -62,8 +62,8 @@ class ScanGate:
     off that rhythm are refused too, so that the other driver does not take over when a scan of the
     first is lost.
 
-    A driver that is started anew may leave the times of points out; scans that cannot be put right
-    as those before were would raise the smear of conductors as hazards.
+    A driver that is started anew may leave the times of points out: after LEAST_TIMED scans with
+    them such scans are refused, as the smear of conductors would be raised as hazards.
 
     A scan from before all REMEMBERED may show that the clocks were set back, and the poses of its
     time be those from before: it is refused, until many show it, or the odometry does.
@@ -86,7 +86,7 @@ class ScanGate:
 
     def judge(
         self, frame_id: str, layout: str, stamp_ns: int, times: tuple[int, int],
-        period: float | None, timed: bool = True,
+        period: float | None, timed: bool,
     ) -> DropReason | None:
         """
         Accept a scan, or return why not.
