@@ -42,6 +42,8 @@ LEG = 30.0
 """Length of the flight one way [s]: at 8 m/s more than a span."""
 RATE = 10.0
 """Scans a second."""
+NUM_SLOWEST = 8
+"""Ticks that are listed."""
 SLICE = 20.0
 """What a fault is done to [s], as the faults of ``bench/faults.py`` expect."""
 PARTS = 6
@@ -205,7 +207,7 @@ def judge(flight: Flight, probe: Probe, warm_up: float, seconds: float) -> list[
     )]
     print(f'p95 of ticks in parts of {part:.0f} s after the warm-up: '
           f'{", ".join(f"{value:.0f}" for value in p95)} ms')
-    slowest = ticks[np.argsort(-ticks[:, 1])[:8]]
+    slowest = ticks[np.argsort(-ticks[:, 1])[:NUM_SLOWEST]]
     print('slowest ticks: ' + ', '.join(
         f'{value / 1e3:.1f} s at {at:.0f} s' for at, value in sorted(slowest.tolist())
     ))
