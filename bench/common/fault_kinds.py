@@ -166,6 +166,7 @@ FAULTS = {
     'one scan in ten not finite': Fault(change=every(10, 'scan', blank)),
     'one scan in ten empty': Fault(change=every(10, 'scan', empty)),
     'scans without times': Fault(change=each('scan', forget_times)),
+    'scans without times from half on': Fault(change=each('scan', forget_times, 10.0)),
     'one scan of 2,000,000 points': Fault(change=swell),
     'damaged messages': Fault(change=garble),
     'driver away for 3 s': Fault(change=drop('scan', 3.0)),
