@@ -98,6 +98,10 @@ class SegmentSettings(Checked):
     period: float = setting(
         1.0, 'time between two segmentations of the map', unit='s', low=0.05, high=3600.0
     )
+    niceness: int = setting(
+        0, 'niceness of the process that segments the map in flight, beside that of the node; it '
+        'can be raised in flight, not lowered', low=0, high=19,
+    )
     min_points: int = setting(
         10, 'a cloud with fewer finite points gives an empty result', low=1, high=1_000_000
     )

@@ -5,8 +5,9 @@
 The onboard node.
 
 The executor's thread owns the poses, the scans that wait and the map; it copies what a tick
-needs in small steps, so that callbacks are never kept waiting.  One worker thread runs the
-pipeline over the copy and builds the messages, which the executor's thread then sends.
+needs in small steps, so that callbacks are never kept waiting.  One worker thread has the process
+of the ticks run the pipeline over the copy and build the messages, which the executor's thread
+then sends.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,6 +37,7 @@ from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
 from plc_inspect.ros.graph.requests import refuse, Requests
 from plc_inspect.ros.graph.voices import Voices
+from plc_inspect.ros.node import jobs
 from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
@@ -47,18 +49,6 @@ from plc_inspect.ros.node.diagnostics import (
 )
 from plc_inspect.ros.node.doubt import KnownStates
 from plc_inspect.ros.node.intake import Intake
-from plc_inspect.ros.node.jobs import (
-    Done,
-    FinalSave,
-    keep_state,
-    plan_save,
-    plan_tick,
-    prepare,
-    run_save,
-    run_tick,
-    take_flight,
-    take_snapshot,
-)
 from plc_inspect.ros.node.keeper import Keeper
 from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.subscriptions import Subscriptions
@@ -68,6 +58,9 @@ from plc_inspect.ros.results.keep_out import KeepOut
 from plc_inspect.ros.results.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.results.teller import summarize, Teller
 from plc_inspect.ros.results.thin_link import Stream
+from plc_inspect.ros.work import tick_job
+from plc_inspect.ros.work.tick_job import Done
+from plc_inspect.ros.work.tick_process import TickProcess
 
 NODE_NAME = 'plc_inspect'
 STOP_TIMEOUT = 30.0
@@ -80,6 +73,8 @@ class InspectNode(Node):
 
     Parameters
     ----------
+    ticks : TickProcess or None
+        Runs ticks, and belongs to the node from now on; None: the worker thread runs them.
     **options
         Of rclpy's Node, such as ``context`` and ``parameter_overrides``.
 
@@ -90,8 +85,9 @@ class InspectNode(Node):
 
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, ticks: TickProcess | None = None, **options: Any) -> None:
         super().__init__(NODE_NAME, **options)
+        self._ticks: Any = ticks or tick_job
         try:
             self._set_up()
         except BaseException:
@@ -109,7 +105,8 @@ class InspectNode(Node):
         self._session = Session()
         self._known = KnownStates(self._session.state)
         self._copy: tuple[Iterator[Window | None], str] | None = None
-        self._job, self._wants_tick, self._rest_is_due = '', False, False
+        self._job, self._wants_tick = '', False
+        self._rest: list[Any] = []
         self._complaints = Complaints(self._log.warning)
         self._teller = Teller(self._log.info, self._log.warning)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -144,7 +141,7 @@ class InspectNode(Node):
         self._intake.accepts = SourceWatch(lambda: self.count_publishers(scans)).accepts
         keep_out = KeepOut(self, lambda: (self.state, self.settings), self._stream.tell_nearness)
         self._intake.on_pose = keep_out.tell
-        self._submit('start', partial(prepare, settings))
+        self._submit('start', partial(self._ticks.prepare, settings))
         self._keeper = Keeper(
             settings, self._live_parameters.rules, self._intake, self._log, self._forget
         )
@@ -259,7 +256,7 @@ class InspectNode(Node):
 
     def _forget(self, reason: str, *, lose: bool = True) -> None:
         """Save what was found and forget it, and whatever is being worked on."""
-        if kept := keep_state(self._describe_flight(), self.state, reason, lose=lose):
+        if kept := jobs.keep_state(self._describe_flight(), self.state, reason, lose=lose):
             self._log.error(kept)
         self._session = Session()
         self._copy = None
@@ -302,17 +299,16 @@ class InspectNode(Node):
         if self._saving and not len(self._intake.accumulator.map):
             refuse('nothing to save: the map is empty', self._saving)
         elif self._saving.take():
-            self._copy_out(plan_save(self._intake, self.state), 'save')
+            self._copy_out(jobs.plan_save(self._intake, self.state), 'save')
         elif (asked := self._segmenting.take()) or self._wants_tick:
-            plan = plan_tick(self._planner, self._intake, self.state, asked)
+            plan = jobs.plan_tick(self._planner, self._intake, self.state, asked)
             self._wants_tick = False
             if plan is None:
                 self._segmenting.answer(True, 'nothing is new since the last tick')
             else:
                 self._copy_out(plan, 'tick')
-        elif self._rest_is_due:
-            self._rest_is_due = False
-            self._submit('rest', partial(prepare, self.settings, rare=True))
+        elif self._rest:
+            self._submit('rest', partial(self._rest.pop(0).prepare, self.settings, rare=True))
 
     def _copy_out(self, plan: WindowPlan, job: str) -> None:
         if job == 'tick':
@@ -326,11 +322,12 @@ class InspectNode(Node):
             self._copy = copy, job
             self._advance_guard.trigger()
             return
-        snapshot = take_snapshot(self._intake, window, self._describe_flight())
-        self._submit(job, partial({'save': run_save}.get(job, run_tick), self._session, snapshot))
+        snapshot = jobs.take_snapshot(self._intake, window, self._describe_flight())
+        run = jobs.run_save if job == 'save' else self._ticks.run_tick
+        self._submit(job, partial(run, self._session, snapshot))
 
     def _describe_flight(self) -> Flight:
-        return take_flight(self._intake, self.settings, self._live_parameters.rules)
+        return jobs.take_flight(self._intake, self.settings, self._live_parameters.rules)
 
     def _finish(self, job: str, done: Done | None, error: Exception | None) -> None:
         """Publish what the worker found, or say what went wrong."""
@@ -338,7 +335,8 @@ class InspectNode(Node):
             return
         if job == 'start':
             self._intake.take_memory()
-            self._rest_is_due, self._health.preparing = True, None
+            self._health.preparing = None
+            self._rest = [tick_job] if self._ticks is tick_job else [self._ticks, tick_job]
             if error is None:
                 self._log.info('ready')
         elif job == 'tick':
@@ -351,6 +349,7 @@ class InspectNode(Node):
             (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
         if done is None:
             return
+        self._session = done.session
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._known.add(self._intake.accumulator.last_inserted or 0, done.state)
         self._keeper.keep(done.kept)
@@ -382,6 +381,8 @@ class InspectNode(Node):
         """
         self._intake.leave_memory()
         stopped = self._worker.stop(STOP_TIMEOUT)
+        if self._ticks is not tick_job:
+            self._ticks.close()
         if not save or not len(self._intake.accumulator.map):
             self._keeper.close(None, wanted=False)
             if not save:
@@ -392,7 +393,7 @@ class InspectNode(Node):
         self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
         self._known.hold_back(self._intake.accumulator)
-        final = FinalSave(self._log.info, self._log.error)
+        final = jobs.FinalSave(self._log.info, self._log.error)
         whole = final.save(self._session, self._intake, self._describe_flight(), self.state, late)
         self._keeper.close(final.saved)
         return whole

@@ -1,19 +1,18 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the node's worker does: the start, what few ticks need, a tick, a results folder."""
+"""What the node's worker is given and does besides ticks: windows, snapshots, results."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import threading
 
 import numba
 
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
-from plc_inspect.core.live.session import Kept, LiveState, Session
+from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.told_state import move_state
-from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import plan_everything, Window, WindowPlan, WindowPlanner
 from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import DataError
@@ -25,42 +24,18 @@ from plc_inspect.offline.records.flight import (
     Flight,
     Snapshot,
 )
-from plc_inspect.results import Float64, Int64, Span, UInt8
+from plc_inspect.results import Span
 from plc_inspect.ros.node.intake import Intake
-from plc_inspect.ros.node.saving import save_results, Saved
-from plc_inspect.ros.results.publishing import Bundle, make_bundle
+from plc_inspect.ros.results.publishing import make_bundle
 from plc_inspect.ros.results.teller import tell_hazards
+from plc_inspect.ros.work.saving import save_results, Saved
+from plc_inspect.ros.work.tick_job import Done
 
 ALL_THREADS: int = numba.get_num_threads()
-TICK_THREADS = 1
-"""On a busy machine a second thread is waited for longer than it helps with small windows."""
 RESCUE_AFTER = 20.0
 """Results of the last tick are written where those of the whole map take longer [s]."""
 GIVE_UP_AFTER = 120.0
 """The whole map is waited for no longer [s]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Done:
-    """What a job hands back."""
-
-    state: LiveState
-    bundle: Bundle
-    slots: Int64
-    points: Float64
-    labels: UInt8
-    """For the map: one for each point of the window."""
-    kept: Kept
-    """What the session keeps, for the record."""
-    saved: Saved | None = None
-    """What became of the results, None for a tick."""
-
-
-def prepare(settings: Settings, *, rare: bool = False) -> None:
-    """Make ready what every tick needs, with all cores, or what few do, beside scans with one."""
-    if rare:
-        numba.set_num_threads(TICK_THREADS)
-    warm_up_pipeline(settings, rare=rare)
 
 
 def plan_tick(
@@ -80,27 +55,6 @@ def plan_save(intake: Intake, state: LiveState | None) -> WindowPlan:
 
 def _list_spans(state: LiveState | None) -> list[Span]:
     return [item.span for item in state.spans] if state else []
-
-
-def run_tick(session: Session, snapshot: Snapshot) -> Done:
-    """Run one tick and build its messages; it takes one core and leaves the others alone."""
-    numba.set_num_threads(TICK_THREADS)
-    window, flight = snapshot.window, snapshot.flight
-    session.way = flight.places
-    tick = session.tick(
-        window, flight.settings, snapshot.vehicle, flight.rules, snapshot.looks
-    )
-    return Done(
-        state=tick.state,
-        bundle=make_bundle(
-            move_state(tick.state, flight.move), flight.frame_id, snapshot.stamp_ns,
-            flight.settings.stream,
-        ),
-        slots=window.slots[:len(tick.labels)],
-        points=window.points[:len(tick.labels)],
-        labels=tick.labels,
-        kept=session.remember(),
-    )
 
 
 def take_flight(intake: Intake, settings: Settings, rules: RuleSet) -> Flight:
@@ -152,6 +106,7 @@ def run_save(session: Session, snapshot: Snapshot) -> Done:
         points=snapshot.window.points,
         labels=labels,
         kept=session.remember(),
+        session=session,
         saved=saved,
     )
 

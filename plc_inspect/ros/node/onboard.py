@@ -4,7 +4,7 @@
 """The command ``plc_node``: the onboard node."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, ExitStack, suppress
 import os
 import signal
 import sys
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
     from plc_inspect.ros.node.inspect_node import InspectNode
+    from plc_inspect.ros.work.tick_process import TickProcess
 
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
@@ -37,9 +38,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing has begun that must be ended
+    arguments = list(sys.argv if argv is None else [NAME, *argv])
+    if {'-h', '--help'} & set(arguments):
+        print(f'usage: {NAME} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]\n\n'
+              'Finds power lines in scans and odometry, in flight. docs/settings.md lists the\n'
+              'parameters, docs/interfaces.md the topics and services.')
+        return DONE
+    with ExitStack() as stack:
+        return _run(arguments, stack)
+
+
+def _run(arguments: Sequence[str], stack: ExitStack) -> int:
+    """Run the node; what is begun before it ends with the stack."""
     try:
         prepare_transport()
         keys = find_keys()
+        ticks = _start_ticks(stack)
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
 
@@ -48,26 +62,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(error)
     except ModuleNotFoundError as error:
         return _complain(explain_missing(error))
-    arguments = list(sys.argv if argv is None else [NAME, *argv])
-    if {'-h', '--help'} & set(arguments):
-        print(f'usage: {NAME} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]\n\n'
-              'Finds power lines in scans and odometry, in flight. docs/settings.md lists the\n'
-              'parameters, docs/interfaces.md the topics and services.')
-        return DONE
     sys.setswitchinterval(SWITCH_INTERVAL)
     for number in ALSO_TERM:
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             signal.signal(number, _pass_on)
     try:
         with _hold_tongue():
-            rclpy.init(args=arguments)
+            rclpy.init(args=list(arguments))
     except Exception as error:  # rclpy has an exception for each kind of bad argument
         return _complain(error)
     try:
-        rest = rclpy.utilities.remove_ros_args(arguments)[1:]
+        rest = rclpy.utilities.remove_ros_args(list(arguments))[1:]
         if rest:
             return _complain(f'unknown argument {rest[0]!r} (see {NAME} --help)')
-        node = InspectNode()
+        node = InspectNode(ticks)
     except PlcInspectError as error:
         rclpy.utilities.try_shutdown()
         return _complain(error)
@@ -90,6 +98,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     if code != DONE:
         _leave_at_once(code)
     return DONE
+
+
+def _start_ticks(stack: ExitStack) -> 'TickProcess | None':
+    """Start the process of the ticks, which loads its modules beside those of this one."""
+    from plc_inspect.ros.work.tick_process import TickProcess
+
+    try:
+        ticks = TickProcess()
+    except OSError as error:
+        print(f'{NAME}: ticks run beside the callbacks, which is slower, as no process can be '
+              f'started for them: {make_one_line(error)}', file=sys.stderr)
+        return None
+    stack.callback(ticks.close)
+    return ticks
 
 
 def _spin(executor: 'Executor') -> int:

@@ -18,8 +18,8 @@ from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.ros.node.diagnostics import Health
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.keeper import Keeper
-from plc_inspect.ros.node.saving import Saved
 from plc_inspect.ros.node.watch import InputWatch
+from plc_inspect.ros.work.saving import Saved
 
 POINTS = np.random.default_rng(0).uniform(3.0, 9.0, (500, 3))
 INFO = {}

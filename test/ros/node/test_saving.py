@@ -19,10 +19,11 @@ from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
 from plc_inspect.offline.records.flight import MAP_FULL
-from plc_inspect.ros.node import doubt, inspect_node, jobs
+from plc_inspect.ros.node import doubt, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.ros.node.intake import Intake
-from plc_inspect.ros.node.saving import Saved
+from plc_inspect.ros.work import tick_job
+from plc_inspect.ros.work.saving import Saved
 
 
 @pytest.fixture
@@ -133,8 +134,8 @@ def test_two_hundred_calls_are_answered(rig, service, pause):
 
 @pytest.mark.parametrize('service', ['segment', 'save'])
 def test_a_call_is_answered_by_a_job_that_begins_after_it(rig, monkeypatch, service):
-    name = {'segment': 'run_tick', 'save': 'run_save'}[service]
-    run, began, released, sequences = getattr(inspect_node, name), Event(), Event(), []
+    module, name = {'segment': (tick_job, 'run_tick'), 'save': (jobs, 'run_save')}[service]
+    run, began, released, sequences = getattr(module, name), Event(), Event(), []
 
     def wait(session, snapshot):
         began.set()
@@ -142,7 +143,7 @@ def test_a_call_is_answered_by_a_job_that_begins_after_it(rig, monkeypatch, serv
         sequences.append(snapshot.window.sequence)
         return run(session, snapshot)
 
-    monkeypatch.setattr(inspect_node, name, wait)
+    monkeypatch.setattr(module, name, wait)
     rig.feed(2)
     client = rig.client.create_client(Trigger, f'/plc_inspect/{service}')
     assert client.wait_for_service(10.0)

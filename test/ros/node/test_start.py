@@ -8,15 +8,14 @@ import threading
 import pytest
 from rig import FIRST_DEADLINE, Rig, wait_for
 
-from plc_inspect.ros.node import inspect_node as node_module
 from plc_inspect.ros.node import intake as intake_module
-from plc_inspect.ros.node.jobs import prepare
+from plc_inspect.ros.work import tick_job
 
 
 @pytest.fixture
 def start(monkeypatch):
     """Return a function that starts a node whose rare kernels are made ready by a function."""
-    rigs, calls = [], []
+    rigs, calls, prepare = [], [], tick_job.prepare
 
     def begin(prepare_rest):
         def make_ready(settings, *, rare=False):
@@ -26,7 +25,7 @@ def start(monkeypatch):
         def take_memory(arrays, stop):
             calls.append('memory')
 
-        monkeypatch.setattr(node_module, 'prepare', make_ready)
+        monkeypatch.setattr(tick_job, 'prepare', make_ready)
         monkeypatch.setattr(intake_module, 'take_memory', take_memory)
         rigs.append(Rig(ready=False))
         wait_for(lambda: 'rest' in calls, 'rest', FIRST_DEADLINE)
