@@ -5,9 +5,11 @@
 Loads the node with a recording in its own timing, and measures it from outside.
 
 Node and player are processes of their own; this one listens to the results, /diagnostics and
-/clock and reads the node's processor time and memory from /proc.  ``bench/live/node_flight.py``
-makes recordings for it.  Where the recording has a truth.json, the numbers of the lines are
-followed too: which conductor changed its number.
+/clock and reads processor time and memory of the node and its process of the ticks from /proc.
+``bench/live/node_flight.py`` makes recordings for it.  ``--busy`` flies once for each number of
+programs that keep a core busy beside, and prints the figures beside each other.  Where the
+recording has a truth.json, the numbers of the lines are followed too: which conductor changed its
+number.
 """
 
 import argparse
@@ -25,6 +27,8 @@ import tempfile
 import time
 from typing import Any
 
+from common.measure import keep_busy
+from common.tables import format_figure, render_table
 import numpy as np
 
 from plc_inspect.offline.readers.bags import Recording
@@ -32,7 +36,7 @@ from plc_inspect.ros.graph.domain import set_apart
 from plc_inspect.ros.graph.transport import prepare_transport, VARIABLE
 from plc_inspect.security.member_keys import PROFILE
 
-PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
+TICKS = os.sysconf('SC_CLK_TCK')
 PAUSE = 60.0
 """What follows later is of another clock: results that are held back bear the node's own [s]."""
 
@@ -105,11 +109,29 @@ class Probe:
         self.context.shutdown()
 
     def sample(self) -> None:
-        """Read processor time and resident memory of the node."""
-        fields = Path(f'/proc/{self._pid}/stat').read_text().rpartition(')')[2].split()
-        cpu = (int(fields[11]) + int(fields[12])) / TICKS
-        memory = int(Path(f'/proc/{self._pid}/statm').read_text().split()[1]) * PAGE
+        """Read processor time and memory, of what is shared a share, of the node's processes."""
+        cpu, memory = 0.0, 0
+        for pid in (self._pid, *list_children(self._pid)):
+            fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+            cpu += (int(fields[11]) + int(fields[12])) / TICKS
+            memory += read_share(pid)
         self.usage.append((time.monotonic(), cpu, memory))
+
+
+def read_share(pid: int) -> int:
+    """Return the memory of a process, and of what others share its part [bytes]."""
+    for line in Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines():
+        if line.startswith('Pss:'):
+            return int(line.split()[1]) * 1024
+    return 0
+
+
+def list_children(pid: int) -> list[int]:
+    """Return the numbers of the processes that a process has begun."""
+    return [
+        int(number) for path in Path(f'/proc/{pid}/task').glob('*/children')
+        for number in path.read_text().split()
+    ]
 
 
 def run(
@@ -186,6 +208,8 @@ def measure(probe: Probe) -> dict[str, float]:
         'tick, p95 [ms]': float(np.percentile(ticks, 95)),
         'callbacks p99 [ms]': float(probe.values['callbacks p99 [ms]']),
         'scans': float(probe.values['scans']),
+        'scans dropped': float(probe.values['scans dropped']),
+        'ticks postponed': float(probe.values['ticks postponed']),
     }
 
 
@@ -278,6 +302,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help='fly with keys, from a machine that has the profile of the driver')
     parser.add_argument('--machines', action='store_true',
                         help='let others on the network find the node')
+    parser.add_argument('--busy', type=int, nargs='+', default=[0], metavar='N',
+                        help='programs that keep a core busy beside; a flight for each number')
     arguments = parser.parse_args(argv)
     prepare_transport()
     if not arguments.machines:
@@ -285,17 +311,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     with Recording(arguments.bag, 'velodyne_points', 'odometry') as recording:
         num_scans = sum('points' in m.topic for m in recording.raw_messages())
         print(f'{arguments.bag}: {recording.duration:.0f} s, {num_scans} scans')
-    with tempfile.TemporaryDirectory() as room:
-        probe, end = run(
-            arguments.bag, Path(room) / 'out', arguments.scan_rate, arguments.set,
-            keys=arguments.keys,
-        )
+    figures = {}
+    for busy in arguments.busy:
+        with tempfile.TemporaryDirectory() as room, keep_busy(busy):
+            probe, end = run(
+                arguments.bag, Path(room) / 'out', arguments.scan_rate, arguments.set,
+                keys=arguments.keys,
+            )
+        figures[busy] = measure(probe)
+        if len(arguments.busy) > 1:
+            print(f'\nbeside {busy} busy programs, load {os.getloadavg()[0]:.1f}')
+        report(probe, num_scans, end)
+        truth = arguments.bag / 'truth.json'
+        if truth.exists():
+            follow(probe, truth)
     if arguments.figures is not None:
-        arguments.figures.write_text(json.dumps(measure(probe)), encoding='utf-8')
-    report(probe, num_scans, end)
-    truth = arguments.bag / 'truth.json'
-    if truth.exists():
-        follow(probe, truth)
+        told = figures if len(figures) > 1 else figures[arguments.busy[0]]
+        arguments.figures.write_text(json.dumps(told), encoding='utf-8')
+    if len(figures) > 1:
+        print(f'\nof {num_scans} scans, beside so many busy programs on {os.cpu_count()} cores:')
+        print(render_table(
+            ['figure', *map(str, figures)],
+            [
+                [name, *(format_figure(item[name], 2) for item in figures.values())]
+                for name in figures[arguments.busy[0]]
+            ],
+        ))
     return 0
 
 

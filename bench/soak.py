@@ -13,14 +13,13 @@ does not end as it should.
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager, ExitStack, redirect_stdout
+from contextlib import redirect_stdout
 import copy
 import io
 import math
 import os
 from pathlib import Path
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -28,6 +27,7 @@ import time
 
 from common.fault_kinds import FAULTS
 from common.flight_faults import Event, shift_stamp
+from common.measure import keep_busy
 from common.odometry_changes import turn_back
 from faults import DOMAIN, Feeder, open_feeder, read_flight, ROOT
 from live.node_flight import main as make_flight
@@ -110,17 +110,6 @@ def change(part: list[tuple[Event, float]], name: str) -> list[Event]:
         own.append(Event(event.time - begin, event.kind, copy.deepcopy(event.message)))
         shift_stamp(own[-1].message, later)
     return [Event(e.time + begin, e.kind, e.message) for e in FAULTS[name].change(own)]
-
-
-@contextmanager
-def keep_busy(count: int) -> Iterator[None]:
-    """Keep so many processes busy beside."""
-    with ExitStack() as stack:
-        for _ in range(count):
-            process = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
-            stack.callback(process.wait)
-            stack.callback(process.kill)
-        yield
 
 
 class Flight:

@@ -1,15 +1,18 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wall time, processor time and extra memory of a call in this process."""
+"""Wall time, processor time and extra memory of a call; busy programs beside it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, ExitStack
 import ctypes
 from dataclasses import dataclass
 import gc
 import math
 import os
 from pathlib import Path
+import subprocess
+import sys
 import time
 from typing import Generic, TypeVar
 
@@ -86,3 +89,14 @@ def _read_status(key: str) -> float:
         if line.startswith(f'{key}:'):
             return 1024.0 * float(line.split()[1])
     return math.nan
+
+
+@contextmanager
+def keep_busy(count: int) -> Iterator[None]:
+    """Keep so many processes busy beside."""
+    with ExitStack() as stack:
+        for _ in range(count):
+            process = subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+        yield
