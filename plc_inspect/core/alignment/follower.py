@@ -391,7 +391,7 @@ class Follower:
         self._cells.clear()
         self._held, self._filter, self._following = RigidMove(), None, False
         self._doubts = self._strays = 0
-        self.steady.clear()
+        self.steady.give_up()
         return Part(begin_ns=stamp, cause=cause, move=RigidMove(), sigma=0.0, aligned=False)
 
 

@@ -361,7 +361,7 @@ class Accumulator:
         """Insert scans into the map; begin it anew at a part that does not fit into it."""
         for item in (item for item in ready if item is not None):
             if isinstance(item, Part):
-                self.entry.begin_anew(item.describe(), holds=item.by != BY_RATE)
+                self.entry.begin_anew(item.describe(), holds=not self.doubt and item.by != BY_RATE)
                 continue
             insertion = self.entry.enter(item)
             if insertion is None and self.entry.is_away(item):
