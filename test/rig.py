@@ -166,7 +166,7 @@ class Robot:
 class Rig:
     """The node in a thread, a robot that feeds it, and a client that listens."""
 
-    def __init__(self, *, ready=True, **parameters):
+    def __init__(self, *, ready=True, ticks=None, **parameters):
         isolate()
         self.domain = take_domain()
         self.contexts = [Context(), Context()]
@@ -178,7 +178,9 @@ class Rig:
         overrides = [
             Parameter(name, value=value) for name, value in (defaults | parameters).items()
         ]
-        self.node = InspectNode(context=self.contexts[0], parameter_overrides=overrides)
+        self.node = InspectNode(
+            ticks, context=self.contexts[0], parameter_overrides=overrides
+        )
         self.log = []
         self.robot = Robot(self.contexts[1])
         self.client = Node('client', context=self.contexts[1])

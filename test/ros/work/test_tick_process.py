@@ -9,10 +9,11 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
-from rig import wait_for
+from rig import Rig, wait_for
 
 from plc_inspect.config import MapSettings, SegmentSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
@@ -140,3 +141,32 @@ def test_it_lets_others_go_first_as_it_is_told(snapshot):
             assert os.getpriority(os.PRIO_PROCESS, ticks.pid) == min(before + niceness, 19)
     finally:
         ticks.close()
+
+
+def test_a_flight_goes_on_after_the_process_of_its_ticks_was_killed():
+    ticks = TickProcess()
+    rig = Rig(ticks=ticks)
+    try:
+        rig.feed(4)
+        assert rig.call('segment').success
+        before = rig.node.health.num_ticks
+        os.kill(ticks.pid, signal.SIGKILL)
+        rig.feed(2)
+        wait_for(lambda: ticks._process.poll() is not None, 'end of the process')
+        assert rig.call('segment').success  # by another one
+        os.kill(ticks.pid, signal.SIGSTOP)
+        threading.Timer(0.5, lambda: os.kill(ticks.pid, signal.SIGKILL)).start()
+        rig.feed(2)
+        answer = rig.call('segment')
+        assert not answer.success
+        assert 'ended with code -9' in answer.message
+        assert rig.node.health.num_failed == 1
+        rig.feed(2)
+        assert rig.call('segment').success
+        assert rig.node.health.num_ticks >= before + 2
+        assert rig.inserted() == rig.counters().num_scans
+        last = ticks.pid
+    finally:
+        rig.close()
+        ticks.close()
+    assert not Path(f'/proc/{last}').exists()
