@@ -20,7 +20,7 @@ from plc_inspect.core.mapping.deskew import deskew
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer
 from plc_inspect.core.setup.transforms import make_transform
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
-from plc_inspect.ros.work.system_memory import take_memory
+from plc_inspect.ros.background.system_memory import take_memory
 
 SPEED = 15.0
 HEIGHT = 22.0

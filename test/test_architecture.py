@@ -28,7 +28,7 @@ LEAST_FUNCTIONS = {
     'offline.readers': 60, 'offline.records': 30,
     'offline.report': 60, 'offline.export': 30,
     'grid.cells': 25, 'grid.tiles': 20, 'grid': 40, 'offline.commands': 60,
-    'security': 30, 'ros.graph': 5, 'ros.results': 25, 'ros.work': 15, 'ros.node': 50,
+    'security': 30, 'ros.graph': 5, 'ros.results': 25, 'ros.background': 15, 'ros.node': 50,
     'monitor.picture': 40, 'monitor.record': 10,
     'monitor.replay': 12, 'monitor.terminal': 20, 'monitor.web': 50,
     'sim.scenes': 60, 'sim.surveys': 50,
@@ -50,7 +50,7 @@ LAYERS = [
     'offline.commands',
     'sim.scenes', 'sim.surveys', 'sim.random_scenes', 'sim.evaluation', 'sim',
     'security',
-    'ros.graph', 'ros.results', 'ros.work', 'ros.node', 'ros',
+    'ros.graph', 'ros.results', 'ros.background', 'ros.node', 'ros',
     'monitor.picture', 'monitor.record', 'monitor.replay', 'monitor.terminal', 'monitor.web',
     'monitor',
 ]

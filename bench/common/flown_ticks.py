@@ -14,7 +14,7 @@ from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.window import copy_window
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
-from plc_inspect.ros.work.system_memory import take_memory
+from plc_inspect.ros.background.system_memory import take_memory
 
 STEP = 10.0
 """Flown between two ticks [m]: a second."""

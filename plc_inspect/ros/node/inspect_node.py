@@ -32,6 +32,9 @@ from plc_inspect.core.live.window import copy_window, Window, WindowPlan
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.recording import PERIOD
 from plc_inspect.offline.records.flight import Flight
+from plc_inspect.ros.background import tick_job
+from plc_inspect.ros.background.tick_job import Done
+from plc_inspect.ros.background.tick_process import TickProcess
 from plc_inspect.ros.graph.ending import survive
 from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
@@ -58,9 +61,6 @@ from plc_inspect.ros.results.keep_out import KeepOut
 from plc_inspect.ros.results.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.results.teller import summarize, Teller
 from plc_inspect.ros.results.thin_link import Stream
-from plc_inspect.ros.work import tick_job
-from plc_inspect.ros.work.tick_job import Done
-from plc_inspect.ros.work.tick_process import TickProcess
 
 NODE_NAME = 'plc_inspect'
 STOP_TIMEOUT = 30.0

@@ -40,9 +40,9 @@ from plc_inspect.messages.poses import (
 from plc_inspect.messages.scans import scan_from_message
 from plc_inspect.offline.records.flight import MAP_FULL
 from plc_inspect.results import Float64
+from plc_inspect.ros.background.system_memory import take_memory
 from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import Health, LossReporter
-from plc_inspect.ros.work.system_memory import take_memory
 
 TOLD = 30.0
 """A step of the odometry is told of in /diagnostics for so long [s]."""

@@ -25,11 +25,11 @@ from plc_inspect.offline.records.flight import (
     Snapshot,
 )
 from plc_inspect.results import Span
+from plc_inspect.ros.background.saving import save_results, Saved
+from plc_inspect.ros.background.tick_job import Done
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.results.publishing import make_bundle
 from plc_inspect.ros.results.teller import tell_hazards
-from plc_inspect.ros.work.saving import save_results, Saved
-from plc_inspect.ros.work.tick_job import Done
 
 ALL_THREADS: int = numba.get_num_threads()
 RESCUE_AFTER = 20.0

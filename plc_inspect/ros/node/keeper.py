@@ -26,9 +26,9 @@ from plc_inspect.flight_record.resumption import (
     name_record,
 )
 from plc_inspect.messages.poses import StampedPose
+from plc_inspect.ros.background.saving import choose_folder, Saved
 from plc_inspect.ros.graph.voices import Voices
 from plc_inspect.ros.node.intake import Intake
-from plc_inspect.ros.work.saving import choose_folder, Saved
 from plc_inspect.setting_names import to_mapping
 from plc_inspect.shared_files import find_home
 from plc_inspect.whole_files import sweep_partial

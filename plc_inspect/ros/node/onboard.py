@@ -21,8 +21,8 @@ from plc_inspect.security.member_keys import find_keys
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
+    from plc_inspect.ros.background.tick_process import TickProcess
     from plc_inspect.ros.node.inspect_node import InspectNode
-    from plc_inspect.ros.work.tick_process import TickProcess
 
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
@@ -102,7 +102,7 @@ def _run(arguments: Sequence[str], stack: ExitStack) -> int:
 
 def _start_ticks(stack: ExitStack) -> 'TickProcess | None':
     """Start the process of the ticks, which loads its modules beside those of this one."""
-    from plc_inspect.ros.work.tick_process import TickProcess
+    from plc_inspect.ros.background.tick_process import TickProcess
 
     try:
         ticks = TickProcess()

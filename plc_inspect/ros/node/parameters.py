@@ -22,7 +22,7 @@ from plc_inspect.config import HazardSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.readers.catalogue import make_rules, read_rules
-from plc_inspect.ros.work.saving import check_output
+from plc_inspect.ros.background.saving import check_output
 from plc_inspect.setting_names import describe, update
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import threading
 from typing import Any
 
-from plc_inspect.ros.work.system_memory import give_back_memory
+from plc_inspect.ros.background.system_memory import give_back_memory
 
 
 @dataclass(frozen=True, slots=True)

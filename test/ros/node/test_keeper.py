@@ -15,11 +15,11 @@ from plc_inspect.core.live.session import Session
 from plc_inspect.flight_record.reader import read_flight
 from plc_inspect.messages.typestore import MessageMaker
 from plc_inspect.offline.readers.catalogue import load_rules
+from plc_inspect.ros.background.saving import Saved
 from plc_inspect.ros.node.diagnostics import Health
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.keeper import Keeper
 from plc_inspect.ros.node.watch import InputWatch
-from plc_inspect.ros.work.saving import Saved
 
 POINTS = np.random.default_rng(0).uniform(3.0, 9.0, (500, 3))
 INFO = {}

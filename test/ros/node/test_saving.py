@@ -19,11 +19,11 @@ from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
 from plc_inspect.offline.records.flight import MAP_FULL
+from plc_inspect.ros.background import tick_job
+from plc_inspect.ros.background.saving import Saved
 from plc_inspect.ros.node import doubt, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.ros.node.intake import Intake
-from plc_inspect.ros.work import tick_job
-from plc_inspect.ros.work.saving import Saved
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import threading
 import pytest
 from rig import FIRST_DEADLINE, Rig, wait_for
 
+from plc_inspect.ros.background import tick_job
 from plc_inspect.ros.node import intake as intake_module
-from plc_inspect.ros.work import tick_job
 
 
 @pytest.fixture

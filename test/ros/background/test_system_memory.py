@@ -13,7 +13,7 @@ import threading
 import numpy as np
 import pytest
 
-from plc_inspect.ros.work.system_memory import give_back_memory, take_memory
+from plc_inspect.ros.background.system_memory import give_back_memory, take_memory
 
 MEGABYTE = 1_000_000
 

@@ -21,8 +21,8 @@ from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.offline.records.flight import copy_everything, Flight, Snapshot
-from plc_inspect.ros.work.tick_job import run_tick
-from plc_inspect.ros.work.tick_process import TickProcess, TickProcessError
+from plc_inspect.ros.background.tick_job import run_tick
+from plc_inspect.ros.background.tick_process import TickProcess, TickProcessError
 
 
 @pytest.fixture(scope='module')
@@ -111,8 +111,8 @@ def test_signals_are_for_the_node(ticks, snapshot, number):
 
 BEGIN = """
 import time
-from plc_inspect.ros.work.tick_job import run_tick
-from plc_inspect.ros.work.tick_process import TickProcess
+from plc_inspect.ros.background.tick_job import run_tick
+from plc_inspect.ros.background.tick_process import TickProcess
 ticks = TickProcess()
 print(ticks.pid, flush=True)
 time.sleep(60.0)

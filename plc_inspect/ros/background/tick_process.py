@@ -20,13 +20,13 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from plc_inspect.errors import PlcInspectError
-from plc_inspect.ros.work.exchange import Exchange
+from plc_inspect.ros.background.exchange import Exchange
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
     from plc_inspect.core.live.session import Session
     from plc_inspect.offline.records.flight import Snapshot
-    from plc_inspect.ros.work.tick_job import Done
+    from plc_inspect.ros.background.tick_job import Done
 
 
 class TickProcessError(PlcInspectError):
@@ -94,7 +94,7 @@ class TickProcess:
             As in the process.
 
         """
-        from plc_inspect.ros.work.tick_job import Done
+        from plc_inspect.ros.background.tick_job import Done
 
         (state, kept, after), labels, bundle = self._call('tick', session, snapshot)
         window, count = snapshot.window, len(labels)
@@ -144,8 +144,8 @@ class TickProcess:
 
 def serve(connection: Connection) -> None:
     """Do what the other process asks for, until it ends."""
-    from plc_inspect.ros.work.system_memory import give_back_memory
-    from plc_inspect.ros.work.tick_job import prepare, run_tick
+    from plc_inspect.ros.background.system_memory import give_back_memory
+    from plc_inspect.ros.background.tick_job import prepare, run_tick
 
     first = os.getpriority(os.PRIO_PROCESS, 0)
 

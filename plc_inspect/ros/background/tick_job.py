@@ -13,8 +13,8 @@ from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.offline.records.flight import Snapshot
 from plc_inspect.results import Float64, Int64, UInt8
+from plc_inspect.ros.background.saving import Saved
 from plc_inspect.ros.results.publishing import Bundle, make_bundle
-from plc_inspect.ros.work.saving import Saved
 
 TICK_THREADS = 1
 """On a busy machine a second thread is waited for longer than it helps with small windows."""

@@ -10,7 +10,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from plc_inspect.ros.work.exchange import Exchange, LEAST_APART
+from plc_inspect.ros.background.exchange import Exchange, LEAST_APART
 
 MANY = LEAST_APART // 8 + 1
 
