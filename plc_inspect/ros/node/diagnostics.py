@@ -222,10 +222,11 @@ def describe_input(
 
 
 def describe_map(
-    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str, state: LiveState | None
+    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str, state: LiveState | None,
+    ticks: int | None = None,
 ) -> DiagnosticStatus:
     """
-    Describe size and sharpness of the map, and the size of the process.
+    Describe size and sharpness of the map, and the size of this process and that of the ticks.
 
     A doubt about the map is an error, and so is a map that is not sharp.  Where that is not known,
     hazards are a warning, as dusty air is, and what leans.
@@ -250,7 +251,7 @@ def describe_map(
         'voxels evicted': num_evicted,
         'points refused': refused,
         'map memory [MB]': round(voxels.nbytes / 1e6, 1),
-        'resident memory [MB]': round(measure_memory() / 1e6, 1),
+        'resident memory [MB]': round(measure_memory(ticks) / 1e6, 1),
     }
     values['sharpness, 0.5 at least'] = 'unknown'
     if sharpness is not None and sharpness.known:
@@ -319,13 +320,20 @@ def sign(status: Iterable[DiagnosticStatus], node: str) -> None:
         item.name = f'{item.hardware_id}: {item.name}'
 
 
-def measure_memory() -> int:
-    """Return the resident memory of this process [bytes]."""
+def measure_memory(other: int | None = None) -> int:
+    """Return the resident memory of this process, and what another one has besides [bytes]."""
+    own, _ = _read_pages('self')
+    more, shared = (0, 0) if other is None else _read_pages(str(other))
+    return (own + more - shared) * os.sysconf('SC_PAGE_SIZE')
+
+
+def _read_pages(process: str) -> tuple[int, int]:
+    """Return the resident pages of a process, and those of them that are of files."""
     try:
-        pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
-    except (OSError, ValueError, IndexError):
-        return 0
-    return pages * os.sysconf('SC_PAGE_SIZE')
+        _, resident, shared, *_ = Path(f'/proc/{process}/statm').read_text('ascii').split()
+    except (OSError, ValueError):
+        return 0, 0
+    return int(resident), int(shared)
 
 
 def _make_status(

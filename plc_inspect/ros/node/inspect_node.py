@@ -5,9 +5,8 @@
 The onboard node.
 
 The executor's thread owns the poses, the scans that wait and the map; it copies what a tick
-needs in small steps, so that callbacks are never kept waiting.  One worker thread has the process
-of the ticks run the pipeline over the copy and build the messages, which the executor's thread
-then sends.
+needs in small steps, so that callbacks are never kept waiting.  The process of the ticks runs the
+pipeline over the copy and builds the messages, which the executor's thread then sends.
 """
 
 from collections.abc import Callable, Iterator
@@ -228,6 +227,7 @@ class InspectNode(Node):
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
                 self._intake.count_refused(counters), self._intake.doubt, self.state,
+                getattr(self._ticks, 'pid', None),
             ),
             describe_segmentation(self.state, self._health, self._worker.busy),
             self._door.describe(),

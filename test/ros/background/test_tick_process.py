@@ -23,6 +23,7 @@ from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.offline.records.flight import copy_everything, Flight, Snapshot
 from plc_inspect.ros.background.tick_job import run_tick
 from plc_inspect.ros.background.tick_process import TickProcess, TickProcessError
+from plc_inspect.ros.node.diagnostics import measure_memory
 
 
 @pytest.fixture(scope='module')
@@ -170,3 +171,10 @@ def test_a_flight_goes_on_after_the_process_of_its_ticks_was_killed():
         rig.close()
         ticks.close()
     assert not Path(f'/proc/{last}').exists()
+
+
+def test_diagnostics_tell_the_memory_of_both_processes(ticks, snapshot):
+    ticks.run_tick(Session(), snapshot)
+    alone, both = measure_memory(), measure_memory(ticks.pid)
+    assert 50e6 < both - alone < 1e9
+    assert measure_memory(2**22 + 1) == pytest.approx(alone, rel=0.05)  # has ended
