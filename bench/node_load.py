@@ -241,7 +241,7 @@ def report(probe: Probe, num_scans: int, end: str) -> None:
     total = (usage[-1, 1] - usage[0, 1]) / (usage[-1, 0] - usage[0, 0])
     print(f'processor: {total:.2f} cores (first half {cores[0]:.2f}, second {cores[1]:.2f})')
     second = usage[half:, 2] / 1e6
-    print(f'resident memory: {usage[0, 2] / 1e6:.0f} MB at start, {second[0]:.0f} MB half way, '
+    print(f'memory: {usage[0, 2] / 1e6:.0f} MB at start, {second[0]:.0f} MB half way, '
           f'{second[-1]:.0f} MB at the end, {usage[:, 2].max() / 1e6:.0f} MB at most; '
           f'second half within {100 * (second.max() / second.min() - 1):.1f} %')
     print(f'map: {values["voxels"]} voxels, {values["voxels evicted"]} evicted, '

@@ -185,7 +185,7 @@ def judge(flight: Flight, probe: Probe, warm_up: float, seconds: float) -> list[
         series[:, 0] -= flight.began
     second = usage[usage[:, 0] >= seconds / 2.0]
     means = [part[:, 2].mean() / 1e6 for part in np.array_split(second, PARTS)]
-    print(f'resident memory: {usage[0, 2] / 1e6:.0f} MB at first, {second[0, 2] / 1e6:.0f} MB '
+    print(f'memory: {usage[0, 2] / 1e6:.0f} MB at first, {second[0, 2] / 1e6:.0f} MB '
           f'half way, {usage[-1, 2] / 1e6:.0f} MB at last, {usage[:, 2].max() / 1e6:.0f} MB at '
           f'most; means of {PARTS} parts of the second half: '
           f'{", ".join(f"{mean:.1f}" for mean in means)} MB')

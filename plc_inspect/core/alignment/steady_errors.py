@@ -227,13 +227,14 @@ class SteadyErrors:
         yaw, variance = free.move.yaw, float(free.covariance[3, 3])
         if self._yaw is None:
             self._yaw = fit.move.yaw, 0.0
-        if (fit.age > AGAIN) != bool(self._back):  # what was seen was left meanwhile, or is new
-            self._yaw = (yaw, variance) if fit.age > AGAIN else (self._back[-1][0], 0.0)
+        if (fit.age > AGAIN) != bool(self._back):
             self._headings.clear()
-            self._back.clear()
-        if fit.age > AGAIN:  # shows slow drift since then as well: judged by the last seconds
+        if fit.age > AGAIN:  # cells left meanwhile show slow drift as well: seconds are judged
             self._back.append((yaw, variance))
             self._yaw = self._back[0]
+        elif self._back:
+            self._yaw = self._back[-1][0], 0.0
+            self._back.clear()
         self._headings.append((yaw, 1.0 / variance))
         if len(self._headings) < TURNS:
             return

@@ -32,7 +32,7 @@ class Exchange:
     shared : iterable of type
         The shared classes; none of them contains another one.
     first : bool
-        At one end of the two.
+        True at one end, False at the other: each gives numbers of its own.
 
     """
 

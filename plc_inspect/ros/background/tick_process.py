@@ -147,7 +147,7 @@ def serve(connection: Connection) -> None:
     from plc_inspect.ros.background.system_memory import give_back_memory
     from plc_inspect.ros.background.tick_job import prepare, run_tick
 
-    first = os.getpriority(os.PRIO_PROCESS, 0)
+    begun = os.getpriority(os.PRIO_PROCESS, 0)
 
     def tick(session: 'Session', snapshot: 'Snapshot') -> tuple[Any, ...]:
         step_back(snapshot.flight.settings)
@@ -160,7 +160,7 @@ def serve(connection: Connection) -> None:
 
     def step_back(settings: 'Settings') -> None:
         now = os.getpriority(os.PRIO_PROCESS, 0)
-        wanted = min(first + settings.segment.niceness, 19)
+        wanted = min(begun + settings.segment.niceness, 19)
         if wanted > now:  # only root may lower it
             os.nice(wanted - now)
 

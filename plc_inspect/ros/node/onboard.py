@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(arguments, stack)
 
 
-def _run(arguments: Sequence[str], stack: ExitStack) -> int:
+def _run(arguments: list[str], stack: ExitStack) -> int:
     """Run the node; what is begun before it ends with the stack."""
     try:
         prepare_transport()
@@ -68,11 +68,11 @@ def _run(arguments: Sequence[str], stack: ExitStack) -> int:
             signal.signal(number, _pass_on)
     try:
         with _hold_tongue():
-            rclpy.init(args=list(arguments))
+            rclpy.init(args=arguments)
     except Exception as error:  # rclpy has an exception for each kind of bad argument
         return _complain(error)
     try:
-        rest = rclpy.utilities.remove_ros_args(list(arguments))[1:]
+        rest = rclpy.utilities.remove_ros_args(arguments)[1:]
         if rest:
             return _complain(f'unknown argument {rest[0]!r} (see {NAME} --help)')
         node = InspectNode(ticks)
