@@ -137,6 +137,9 @@ FAULTS = {
     'there and back, drift of 5 cm/s': Fault(
         change=lambda events: drift_back(events, rate=0.05), offset=(0.0, 0.0, 1.0)
     ),
+    'there and back, heading drifts at the end': Fault(
+        change=lambda events: drift_heading(1.0, 15.0)(drift_back(events))
+    ),
     'odometry stands still for 5 s': Fault(change=freeze),
     'odometry silent for 5 s': Fault(change=drop('odometry', 5.0)),
     'odometry 1.5 s late': Fault(change=delay('odometry', 3.0)),

@@ -92,11 +92,11 @@ def turn_frame(degrees: float) -> Change:
     return turn_poses(change)
 
 
-def drift_heading(rate: float) -> Change:
-    """Return a fault that turns the heading by so much, the positions stay right [degrees/s]."""
+def drift_heading(rate: float, begin: float = 0.0) -> Change:
+    """Return a fault that turns the heading from a time on [degrees/s, s]; positions stay right."""
 
     def change(time: float, place: np.ndarray, turn: np.ndarray) -> tuple[Any, Any]:
-        more = Rotation.from_euler('Z', rate * time, degrees=True)
+        more = Rotation.from_euler('Z', rate * max(time - begin, 0.0), degrees=True)
         return place, (more * Rotation.from_quat(turn)).as_quat()
 
     return turn_poses(change)
