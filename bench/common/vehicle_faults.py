@@ -93,7 +93,7 @@ def turn_frame(degrees: float) -> Change:
 
 
 def drift_heading(rate: float, begin: float = 0.0) -> Change:
-    """Return a fault that turns the heading from a time on [degrees/s, s]; positions stay right."""
+    """Return a fault that turns headings from a time on [degrees/s, s]; positions stay right."""
 
     def change(time: float, place: np.ndarray, turn: np.ndarray) -> tuple[Any, Any]:
         more = Rotation.from_euler('Z', rate * max(time - begin, 0.0), degrees=True)
