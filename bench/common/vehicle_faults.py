@@ -215,7 +215,8 @@ def make_dust(share: float) -> Change:
     """Return a fault: a share of the points lies anywhere within 10 m, as dust and insects do."""
 
     def change(message: Any) -> None:
-        rng = np.random.default_rng(len(message.data))
+        stamp = message.header.stamp  # scans of one size would have the same dust, in streaks
+        rng = np.random.default_rng((stamp.sec, stamp.nanosec))
         rows = view_rows(message)
         chosen = rng.random(len(rows)) < share
         way = rng.normal(size=(int(chosen.sum()), 3))
