@@ -199,6 +199,8 @@ class Follower:
         """
         self._place, self._stamp = np.array(position, dtype=np.float64), stamp_ns
         found = self.watch.see(stamp_ns, position, quaternion)
+        if found is None and self._pending is not None:
+            self._pending.judge(self.watch.velocity_since)
         if found is None or found.oddity is Oddity.FROZEN:
             return found
         if self._pending is None:
@@ -231,9 +233,8 @@ class Follower:
             None in between.
 
         """
-        if self._pending is None or int(scan.stamps.max(initial=scan.stamp_ns)) < (
-            self._pending.begin_ns
-        ):
+        last = int(scan.stamps.max(initial=scan.stamp_ns))
+        if self._pending is None or last < self._pending.begin_ns:
             yield from self._release(scan)
             return
         self._waiting.append(scan)
@@ -250,7 +251,7 @@ class Follower:
         yield from self.catch_up()
         pending, scans = self._pending, self._waiting
         self._pending, self._waiting, self._batch = None, [], []
-        yield from self._note(self._resolve(pending, scans))
+        yield from self._note(None if pending.is_none else self._resolve(pending, scans))
         for scan in scans:
             yield from self._release(scan)
 
@@ -322,9 +323,8 @@ class Follower:
         """Start to correct scans if they certainly lie beside the map."""
         if self._following:
             if self.parts:
-                self.parts[-1] = replace(
-                    self.parts[-1], move=fit.move, sigma=_find_sigma(fit.covariance)
-                )
+                sigma = _find_sigma(fit.covariance)
+                self.parts[-1] = replace(self.parts[-1], move=fit.move, sigma=sigma)
             return None
         off = fit.move.shift - self._held.about(fit.move.centre).shift
         size = float(np.linalg.norm(off))

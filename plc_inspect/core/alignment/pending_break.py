@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plc_inspect.core.alignment.normal_cells import NormalCells
-from plc_inspect.core.alignment.pose_watch import Break, Oddity
+from plc_inspect.core.alignment.pose_watch import Break, LEAST_TURN, Oddity
 from plc_inspect.core.alignment.registration import Fit, fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.results import Float64
@@ -41,13 +41,15 @@ class PendingBreak:
     sigma: float
     total: RigidMove
     """From the newest odometry to that before the break."""
+    first: Break | None
+    """The break, until it was judged by the velocity after it, or another one follows."""
 
     @classmethod
     def begin(cls, found: Break) -> 'PendingBreak':
         """Return a pending break that holds one break."""
         return cls(
             found.describe(), found.after_ns, found.oddity is Oddity.STEP, found.size,
-            found.sigma, found.move,
+            found.sigma, found.move, found if found.oddity is Oddity.STEP else None,
         )
 
     def add(self, found: Break, place: Float64) -> None:
@@ -56,12 +58,26 @@ class PendingBreak:
         self.sigma = float(np.hypot(self.sigma, found.sigma))
         self.quick = self.quick and found.oddity is Oddity.STEP
         self.size = float(np.linalg.norm(self.total.about(place).shift))
-        self.begin_ns = found.after_ns
+        self.begin_ns, self.first = found.after_ns, None
+
+    def judge(self, velocity: Float64 | None) -> None:
+        """
+        Look at a step again, as the vehicle may have turned on the spot.
+
+        Parameters
+        ----------
+        velocity : (3,) float64 or None
+            Since the last break [m/s]; None as long as it is unknown.
+
+        """
+        if self.first is not None and velocity is not None:
+            left, self.first = self.first.judge(velocity), None
+            self.total, self.size, self.sigma = left.move, left.size, left.sigma
 
     @property
     def is_none(self) -> bool:
         """Whether the odometry has come back to where it was."""
-        return self.quick and self.size < SAME
+        return self.quick and self.size < SAME and abs(self.total.yaw) <= LEAST_TURN
 
     @property
     def is_little(self) -> bool:

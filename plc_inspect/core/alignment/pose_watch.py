@@ -4,7 +4,7 @@
 """Detects impossible poses: steps that no vehicle flies, and poses that freeze in flight."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 import enum
 import math
 
@@ -51,6 +51,8 @@ A first change of position this soon after the first pose is no step: with repea
 vehicle may already have been flying [s].
 Source: derived: positions at 5 Hz.
 """
+LEAST_CHANGE = 1e-12
+"""Divisor of a change of position between two poses, at least [m2].  Source: numerical."""
 LONG_GAP = 5.0
 """Longest gap of poses over which the next one is predicted [s].  Source: judgement."""
 
@@ -80,6 +82,28 @@ class Break:
     """Moves poses after the break to the prediction."""
     sigma: float
     """Standard deviation of the predicted position, per axis [m]."""
+    velocity: Float64 = field(default_factory=lambda: np.full(3, np.nan))
+    """(3,) before it [m/s]; NaN unknown."""
+
+    def judge(self, velocity: Float64) -> 'Break':
+        """
+        Return what is left of a step by the velocity after it, as the vehicle may have turned.
+
+        Somewhere between the poses it came to fly so; what this explains is no step.
+
+        Parameters
+        ----------
+        velocity : (3,) float64
+            After it [m/s].
+
+        """
+        change = (velocity - self.velocity) * (self.after_ns - self.before_ns) * 1e-9
+        shift, square = self.move.shift, max(float(change @ change), LEAST_CHANGE)
+        shift = shift + np.clip(-shift @ change / square, 0.0, 1.0) * change
+        return replace(
+            self, size=float(np.linalg.norm(shift)), move=replace(self.move, shift=shift),
+            sigma=math.hypot(self.sigma, math.sqrt(square / 12.0)),
+        )
 
     def describe(self) -> str:
         """Return it in one line."""
@@ -130,6 +154,18 @@ class PoseWatch:
     def believed_ns(self) -> int | None:
         """Stamp of the last pose before possibly frozen ones [ns], None if there are none."""
         return self._since.stamp if self._doubts and self._since is not None else None
+
+    @property
+    def velocity_since(self) -> Float64 | None:
+        """(3,) since the last break, by poses of WINDOW or longer [m/s]; None before."""
+        if not self._window:
+            return None
+        first, last = self._window[0], self._window[-1]
+        seconds = (last.stamp - first.stamp) * 1e-9
+        if seconds < WINDOW:
+            return None
+        result: Float64 = (np.array(last.place) - np.array(first.place)) / seconds
+        return result
 
     def see(self, stamp_ns: int, position: Float64, quaternion: Float64) -> Break | None:
         """
@@ -251,6 +287,7 @@ class PoseWatch:
             size=float(np.linalg.norm(place - should)), turn=turn,
             move=RigidMove(should - place, -turn, place),
             sigma=0.02 + self._usual + 0.25 * ACCELERATION * seconds * (seconds + WINDOW),
+            velocity=np.array([vx, vy, vz]),
         )
 
 

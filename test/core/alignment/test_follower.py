@@ -39,7 +39,12 @@ def find_place(when, seconds):
     return np.array([far, 0.0, 15.0])
 
 
-def fly(follower, error, seconds=12.0, heading=0.0):
+def turn_at_once(when, seconds):
+    """Return where a vehicle is that flies along x and all at once flies back."""
+    return np.array([1.6 * SPEED * (seconds / 2.0 - abs(when - seconds / 2.0)), 0.0, 15.0])
+
+
+def fly(follower, error, seconds=12.0, heading=0.0, find=find_place):
     """
     Fly along x and back, with odometry that is off, or stands still where that is None.
 
@@ -52,7 +57,7 @@ def fly(follower, error, seconds=12.0, heading=0.0):
     told = np.zeros(3)
     for tick in range(int(seconds * 50)):
         when = tick * 0.02
-        place, off = find_place(when, seconds), error(when)
+        place, off = find(when, seconds), error(when)
         turned = RigidMove(np.zeros(3), heading * when, place)
         stamp = START + round(when * 1e9)
         told = told if off is None else place + off
@@ -107,6 +112,26 @@ def test_scans_after_a_step_lie_where_those_before_do(step):
     assert measure_errors(entered) < 0.1
 
 
+def test_a_step_of_the_heading_alone_is_taken_back():
+    follower, turn = Follower(), np.radians(5.0)
+    rng = np.random.default_rng(6)
+    for tick in range(600):
+        place = find_place(tick * 0.02, 12.0)
+        yaw = turn if tick > 400 else 0.0
+        moved = RigidMove(np.zeros(3), yaw, find_place(8.01, 12.0))
+        stamp, told = START + tick * 20_000_000, moved.apply(place)
+        follower.see_pose(
+            stamp, told, np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)])
+        )
+        if tick % 5 == 0:
+            points = moved.apply(look(place, rng))
+            apart = np.linalg.norm(points - told, axis=1)
+            list(follower.take(Seen(points, np.full(len(points), stamp), apart, stamp)))
+    (part,) = follower.parts
+    assert '5.0 degrees' in part.cause
+    assert follower.move.yaw == pytest.approx(-turn, abs=2e-3)
+
+
 def test_a_pose_that_is_off_alone_is_no_step():
     follower = Follower()
     entered, parts = fly(
@@ -116,6 +141,28 @@ def test_a_pose_that_is_off_alone_is_no_step():
     assert not follower.parts
     assert not parts
     assert len(entered) >= 117
+
+
+def test_a_turn_on_the_spot_is_no_step():
+    follower = Follower()
+    entered, parts = fly(follower, lambda when: np.zeros(3), seconds=12.02, find=turn_at_once)
+    assert follower.move.trivial
+    assert not follower.parts
+    assert not parts
+    assert len(entered) >= 119
+
+
+def test_a_step_where_the_vehicle_turns_on_the_spot_is_a_step():
+    follower = Follower()
+    step = np.array([0.0, 0.5, 0.0])
+    entered, parts = fly(
+        follower, lambda when: step if when > 6.01 else np.zeros(3), seconds=12.02,
+        find=turn_at_once,
+    )
+    assert not parts
+    assert len(follower.parts) == 1
+    assert abs(follower.move.shift[1] + 0.5) < 0.1
+    assert measure_errors(entered) < 0.1
 
 
 @pytest.mark.parametrize(('age', 'deviations', 'follows'), [

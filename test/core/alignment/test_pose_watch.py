@@ -65,6 +65,29 @@ def test_a_step_is_measured(size):
     assert found.sigma < 0.05
 
 
+@pytest.mark.parametrize(('step', 'speed', 'left'), [
+    (0.0, -8.0, 0.0), (0.05, -8.0, 0.05), (0.5, -8.0, 0.5), (0.2, 8.0, 0.2), (0.2, 6.0, 0.2),
+])
+def test_a_turn_on_the_spot_explains_only_what_lies_between(step, speed, left):
+    poses = fly(speed=8.0)[:50]
+    middle = 7.92  # at 0.99 s
+    poses += [(ms, middle + speed * (ms * 1e-3 - 0.99), step, 0.0) for ms in range(1005, 1300, 20)]
+    watch, (found,) = feed(poses)
+    np.testing.assert_allclose(found.velocity, [8.0, 0.0, 0.0], atol=1e-6)
+    judged = found.judge(watch.velocity_since)
+    assert judged.size == pytest.approx(left, abs=1e-3)
+    np.testing.assert_allclose(judged.move.shift, [0.0, -step, 0.0], atol=1e-3)
+    change = abs(speed - 8.0) * 0.025
+    assert judged.sigma == pytest.approx(np.hypot(found.sigma, change / 12**0.5))
+
+
+def test_the_velocity_since_a_break_is_known_after_a_while():
+    poses = fly() + [(ms, x, 1.0, 0.0) for ms, x, *_ in fly(1140)[50:]]
+    assert feed(poses)[0].velocity_since is None
+    watch, _ = feed([*poses, (1160, 5.8, 1.0, 0.0)])
+    np.testing.assert_allclose(watch.velocity_since, [5.0, 0.0, 0.0], atol=1e-6)
+
+
 def test_a_step_of_the_heading_is_measured():
     poses = fly() + [(ms, x, 0.0, 20.0) for ms, x, *_ in fly(2000)[50:]]
     _, (found,) = feed(poses)
