@@ -277,6 +277,20 @@ def test_dense_shrubs_do_not_hide_a_low_line():
     assert Pipeline().run(points).num_lines == 3
 
 
+@pytest.mark.parametrize('lowest', [0.9, 1.7])
+def test_what_nearly_touches_the_ground_of_a_conductor_is_the_conductor(lowest):
+    points, label = make_line_cloud(
+        spans=(120.0,), height=8.0, c=120.0**2 / (8.0 * (8.0 - lowest)), half_width=12.0
+    )
+    result = Pipeline().run(points)
+    assert len(result.spans) == 3
+    assert (result.classification[label == 14] == PointClass.WIRE).mean() > 0.98
+    (hazard,) = result.hazards
+    assert (hazard.kind, hazard.severity) == (HazardKind.GROUND, Severity.WARNING)
+    assert hazard.clearance == pytest.approx(lowest, abs=0.2)
+    assert (hazard.confidence, hazard.note) == (pytest.approx(1.0), '')
+
+
 def test_a_tree_by_an_unseen_support_is_still_a_hazard():
     points, _ = make_line_cloud(poles=False, half_width=15.0, more=[make_tree(103.0, 0.0, 14.0)])
     result = Pipeline().run(points)

@@ -19,6 +19,12 @@ Edge of the plan cells [m].
 Source: numerical: searches are exact; time and the order of points depend on it.
 """
 
+LEAST_AIRBORNE = 0.5
+"""
+Height from which points near a conductor that comes down to the ground are off it [m].
+Source: as labels.GROUND_BAND.
+"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OffGround:
@@ -36,7 +42,7 @@ class OffGround:
     num_total: int
     """N, number of points of the cloud."""
     least: float
-    """Least height above the ground, unless high [m]."""
+    """Least height above the ground, unless high or near a low conductor [m]."""
     high: Int64
     """Indices, ascending, of the high points among these, which are searched for wires."""
     height: HeightResult
@@ -79,7 +85,8 @@ def gather_off_ground(
     height : HeightResult
         Of these points.
     least : float
-        Height from which points are off the ground; high points always are [m].
+        Height from which points are off the ground; high points always are, and airborne ones
+        from LEAST_AIRBORNE on [m].
     anchor : (2,) float64 or None
         A corner of the plan cells, if these points are a part of a cloud [m].
 
@@ -88,7 +95,10 @@ def gather_off_ground(
     OffGround
 
     """
-    off = find_true(_are_off(height.height, height.high, least))
+    is_off = _are_off(height.height, height.high, least)
+    if height.airborne is not None:
+        is_off |= height.airborne & (height.height >= LEAST_AIRBORNE)
+    off = find_true(is_off)
     index = build_plan_index(points, off, CELL, anchor)
     own, own_height, is_high = _take(points, height.height, height.high, index.order)
     return OffGround(
