@@ -65,6 +65,8 @@ class HazardKind(enum.IntEnum):
     SAG = 5
     CROSSING = 6
     FALL_IN = 7
+    MISSING = 8
+    """A conductor over one span."""
 
 
 MEASURE_NOTES = {'horizontal': 'measured horizontally', 'vertical': 'measured vertically'}
@@ -226,9 +228,11 @@ class Hazard:
     position: Float64
     """(3,) the offending point nearest to the conductor [m]."""
     clearance: float
-    """Measured distance to the conductor [m]; for SAG, the sag in excess of its peers."""
+    """Measured distance to the conductor [m]; for SAG, the sag in excess of its peers; for
+    MISSING, the length of which anything was seen."""
     required: float
-    """Distance that the rule asks for [m]; for SAG, the deviation that is tolerated."""
+    """Distance that the rule asks for [m]; for SAG, the deviation that is tolerated; for
+    MISSING, the length of the span."""
     horizontal: float
     """Horizontal part of the clearance [m]."""
     vertical: float
@@ -246,7 +250,7 @@ class Hazard:
     voltage: str = 'unknown'
     """Voltage that the rule was chosen for, as '110 kV'."""
     other_line_id: int = -1
-    """The other conductor of INTERFERENCE and CROSSING, -1 none."""
+    """The other conductor of INTERFERENCE and CROSSING, the one that is MISSING; -1 none."""
     support_id: int = -1
     """Nearest support along the span, -1 unknown."""
     from_support: float = math.nan

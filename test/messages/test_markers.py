@@ -137,7 +137,7 @@ def test_marks_of_the_node(live):
     assert set(live) == {
         *(('catenaries', number) for number in (4, 5, 1_100_004, 200_004)),
         *(('supports', number) for number in (3, 4, 9)),
-        *((name, 10 + k) for k in range(7) for name in ('hazards', 'hazard_texts')),
+        *((name, 10 + k) for k in range(8) for name in ('hazards', 'hazard_texts')),
     }
     tower, pole, unseen = (live['supports', number] for number in (3, 4, 9))
     assert spread(tower.scale) == [1.2, 1.2, 21.5]

@@ -38,7 +38,7 @@ SPANS = (
 )
 RAISED = tuple(
     make_hazard((10.0 * k, 1.0, 5.0), 3, 1, hazard_id=k, kind=kind, severity=Severity(1 + k % 3),
-                confidence=0.25 + 0.11 * k)
+                confidence=0.22 + 0.11 * k)
     for k, kind in enumerate(HazardKind)
 )
 KINDS = {'LINES': LINES, 'CORRIDOR': CORRIDOR, 'CATENARIES': CATENARIES, 'HAZARDS': HAZARDS,
@@ -132,7 +132,7 @@ def test_spans_and_hazards_of_a_monitor_give_the_same_rows():
 def test_confidence_is_the_last_of_a_row():
     rows = make_hazards(RAISED)
     assert rows.dtype.names[-1] == 'confidence'
-    assert rows['confidence'] == pytest.approx([0.25 + 0.11 * k for k in range(len(RAISED))])
+    assert rows['confidence'] == pytest.approx([0.22 + 0.11 * k for k in range(len(RAISED))])
     _, items = make_items(hazards=RAISED)  # the stream tells whole percents
     assert make_hazards(items)['confidence'] == pytest.approx(rows['confidence'], abs=0.005)
 

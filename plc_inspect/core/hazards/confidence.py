@@ -28,7 +28,7 @@ IN_DOUBT = 'in doubt: '
 """A part of a hazard's note that begins so says what speaks against it."""
 AT_END = 'near an end of the conductor whose support is not known'
 NOT_SHARP = 'the points of the conductor scatter more than those of the others'
-OF_CONDUCTOR = HazardKind.GROUND, HazardKind.SAG
+OF_CONDUCTOR = HazardKind.GROUND, HazardKind.SAG, HazardKind.MISSING
 """
 Kinds of hazards that never rest on parts of a support.
 Source: derived: they rest on the conductor and the ground below it.

@@ -12,6 +12,7 @@ import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.extraction.ground_planes import find_planes
+from plc_inspect.core.extraction.surfaces import is_surface, tell_shapes
 from plc_inspect.core.hazards.clearance_rules import PLAIN, plain_rules, RuleSet
 from plc_inspect.core.hazards.conductor_hazards import find_abnormal_sag, find_interference
 from plc_inspect.core.hazards.crossings import find_crossings
@@ -24,8 +25,8 @@ from plc_inspect.core.hazards.low_conductors import (
     keep_seen,
     measure_ground,
 )
+from plc_inspect.core.hazards.missing_conductors import find_missing_conductors
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
-from plc_inspect.core.hazards.surfaces import is_surface, tell_shapes
 from plc_inspect.core.numerics.arrays import take_rows
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
@@ -153,6 +154,7 @@ def find_hazards(
     found += find_crossings(models, supports, rules, wires, sure)
     found += find_interference(models, supports, rules, settings)
     found += find_abnormal_sag(models, supports, rules, settings)
+    found += find_missing_conductors(points, models, supports, rules)
     found = [item for item in found if item.pop('chance') >= settings.min_confidence]
     order = ('span_id', 'line_id', 'along_span', 'kind')
     found.sort(key=lambda item: tuple(item[name] for name in order))

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
+from plc_inspect.core.extraction.surfaces import is_surface
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.encroachments import MOST_OF, ROOM
 from plc_inspect.core.hazards.strands import divide_section, LEAST_POINTS, list_points, MOST_POINTS
-from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.labels import GROUND_BAND
 from plc_inspect.core.loads.approach import Approach, MovedSpan
 from plc_inspect.core.loads.sag_tension import State

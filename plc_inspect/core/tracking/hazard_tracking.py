@@ -42,7 +42,7 @@ SPAN_GONE = 'its conductor no longer exists'
 """Why a hazard is taken back."""
 
 _ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
-_OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG)
+_OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG, HazardKind.MISSING)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

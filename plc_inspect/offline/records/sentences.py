@@ -51,6 +51,9 @@ def describe_place(
     if kind == 'sag':
         text = f'sags {measured} more than its peers, {required} tolerated'
         return f'{where}: {text}.'
+    if kind == 'missing':
+        text = f'the conductor beside it, line {item["other_line_id"]}, is missing'
+        return f'{where}: {text}; of {required} {measured} were seen: it may be down.'
     if kind in ('interference', 'crossing'):
         what = 'the next conductor' if kind == 'interference' else 'a crossing conductor'
         other = item['other_line_id']

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from toys import make_tree
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.extraction.surfaces import is_surface
 from plc_inspect.core.hazards.hazards import find_hazards
-from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.numerics.grouping import group_points
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.core.extraction.linearity import measure_likeness
-from plc_inspect.core.hazards.surfaces import is_surface, MIN_POINTS, PLANAR, SIZE, SPHERICAL
+from plc_inspect.core.extraction.surfaces import is_surface, MIN_POINTS, PLANAR, SIZE, SPHERICAL
 from plc_inspect.core.numerics.voxels import build_voxels
 
 
