@@ -46,8 +46,11 @@ Distance from where it would hang within which its points are looked for [m], at
 that to the next conductor.
 Source: judgement: sags of conductors of a span differ by less.
 """
-LEAST_TUBE = 0.15
-"""The same, at least [m].  Source: judgement: three times the scatter of a conductor's points."""
+LEAST_APART = 0.4
+"""
+Distance to the next conductor, at least: one that is nearer may be that one, seen twice [m].
+Source: derived: twice by what drift that is mended doubles a map (docs/ingest.md).
+"""
 MOST_SEEN = 0.2
 """
 Share of the metres of its length that may hold points, and share of the points that a metre would
@@ -110,13 +113,16 @@ def find_missing_conductors(
             length = math.dist(first.place[:2], last.place[:2])
             beside = (first.model, last.model, nearest)
             density = min(item.span.num_points / item.span.length for item in beside)
-            if density * length < LEAST_POINTS:
+            middle = expected[len(expected) // 2]
+            apart = min(
+                math.hypot(*(part[0] for part in model.part(middle[None])[1:])) for model in group
+            )
+            if density * length < LEAST_POINTS or apart < LEAST_APART:
                 continue
-            seen = _measure_seen(points, expected, nearest, MOST_SEEN * density)
+            seen = _measure_seen(points, expected, apart, MOST_SEEN * density)
             if seen > MOST_SEEN * length:
                 continue
             x = 0.5 * (nearest.start_x + nearest.end_x)
-            middle = expected[len(expected) // 2]
             result.append(describe_hazard(
                 nearest, x, supports, rules, _limit(length),
                 kind=HazardKind.MISSING,
@@ -206,12 +212,10 @@ def _hang(model: SpanModel, first: Float64, last: Float64) -> Float64:
 
 
 def _measure_seen(
-    points: Float64, expected: Float64, nearest: SpanModel, density: float
+    points: Float64, expected: Float64, apart: float, density: float
 ) -> float:
     """Return the length of (K, 3) places of a conductor with so many points a metre [m]."""
-    middle = expected[len(expected) // 2]
-    apart = math.hypot(*(part[0] for part in nearest.part(middle[None])[1:]))
-    tube = min(TUBE, max(TUBE_SHARE * apart, LEAST_TUBE))
+    tube = min(TUBE, TUBE_SHARE * apart)
     low, high = expected.min(axis=0) - tube, expected.max(axis=0) + tube
     about: Bool = ((points >= low) & (points <= high)).all(axis=1)
     way = (expected[-1] - expected[0])[:2]

@@ -69,3 +69,9 @@ def test_a_crown_hides_a_conductor():
     rng = np.random.default_rng(3)
     crown = rng.uniform((110.0, -1.5, 11.0), (170.0, 1.5, 15.0), (6000, 3))
     assert not find_missing(np.vstack([points[~own], crown]))
+
+
+def test_a_conductor_that_drift_doubled_is_not_missing():
+    points, own = make_cloud(3.0, spans=SPANS)
+    double = points[(np.abs(points[:, 1]) < 0.1) & (points[:, 2] > 12.0) & ~own]
+    assert not find_missing(np.vstack([points, double + (0.0, 0.3, 0.0)]))
