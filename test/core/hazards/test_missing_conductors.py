@@ -72,6 +72,6 @@ def test_a_crown_hides_a_conductor():
 
 
 def test_a_conductor_that_drift_doubled_is_not_missing():
-    points, own = make_cloud(3.0, spans=SPANS)
+    points, own = make_cloud(3.0)
     double = points[(np.abs(points[:, 1]) < 0.1) & (points[:, 2] > 12.0) & ~own]
-    assert not find_missing(np.vstack([points, double + (0.0, 0.3, 0.0)]))
+    assert not find_missing(np.vstack([points, double + np.array([0.0, 0.3, 0.0])]))
