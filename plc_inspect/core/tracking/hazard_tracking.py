@@ -199,6 +199,8 @@ class HazardBook:
             item = self._known[number]
             if not _is_expected(item.hazard, expected, holds):
                 continue
+            if not final and number >= 0 and item.hazard.kind == HazardKind.MISSING:
+                continue  # a tick may hold the span, and not those beside it
             if not final and number >= 0 and item.misses + 1 < MAX_MISSES:
                 self._known[number] = replace(item, misses=item.misses + 1)
                 continue

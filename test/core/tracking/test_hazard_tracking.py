@@ -72,6 +72,19 @@ def test_life_of_a_hazard():
     assert book.hazards[0].hazard_id == 1  # a number is never given twice
 
 
+def test_only_the_final_word_takes_a_missing_conductor_back():
+    """A tick may hold the span, and not those beside it that tell of the conductor."""
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5), kind=HazardKind.MISSING))
+    for _ in range(2 * MAX_MISSES):
+        assert tick(book).cleared == ()
+    (gone,) = tick(book, final=True).cleared
+    assert gone.kind == HazardKind.MISSING
+    tick(book, make_hazard((10, 0, 5), kind=HazardKind.MISSING))
+    tick(book)  # seen once, it waits no longer
+    assert len(book.awaited) == 0
+
+
 def test_flicker_is_not_raised_and_not_cleared():
     book = HazardBook()
     for _ in range(6):
