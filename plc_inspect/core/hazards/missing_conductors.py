@@ -126,7 +126,7 @@ def find_missing_conductors(
             result.append(describe_hazard(
                 nearest, x, supports, rules, _limit(length),
                 kind=HazardKind.MISSING,
-                severity=Severity.CRITICAL,
+                severity=Severity.WARNING,
                 position=middle,
                 clearance=seen,
                 horizontal=math.dist(middle[:2], nearest.curve.position(np.array(x))[0, :2]),
@@ -233,4 +233,4 @@ def _measure_seen(
 
 
 def _limit(length: float) -> Limit:
-    return Limit(feature='line', distance=length, tiers=((Severity.CRITICAL, length),))
+    return Limit(feature='line', distance=length, tiers=((Severity.WARNING, length),))
