@@ -206,10 +206,9 @@ class Follower:
         if self._pending is None:
             self._pending = PendingBreak.begin(found)
             return found
-        waiting = self._pending
-        waiting.add(found, self._place)
+        self._pending.add(found, self._place)
         self._give_up_waiting()
-        if waiting.is_none:
+        if self._pending.is_none:
             self._pending = None
         return found
 
@@ -251,7 +250,7 @@ class Follower:
         yield from self.catch_up()
         pending, scans = self._pending, self._waiting
         self._pending, self._waiting, self._batch = None, [], []
-        yield from self._note(None if pending.is_none else self._resolve(pending, scans))
+        yield from self._note(self._resolve(pending, scans))
         for scan in scans:
             yield from self._release(scan)
 
@@ -359,8 +358,7 @@ class Follower:
     def _resolve(self, pending: PendingBreak, scans: list[Seen]) -> Part | None:
         """Register the scans after a break."""
         points = sample_points(gather_points(scans, WIDE))
-        stamp = scans[-1].stamp_ns
-        before = self.move
+        stamp, before = scans[-1].stamp_ns, self.move
         best = pending.register(self._cells, points, before, self._place, stamp)
         by = 'what was seen twice'
         if best is None or best.matched < LEAST_MATCHED:
@@ -373,6 +371,8 @@ class Follower:
             return self._give_up(pending.cause, pending.begin_ns)
         else:
             moved, spread = best.move, best.covariance
+        if pending.was_none(before, moved):
+            return None
         old, self._filter = self._filter, DriftFilter(moved, stamp, spread)
         if old is not None:
             self._filter.carry(old)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plc_inspect.core.alignment.normal_cells import NormalCells
-from plc_inspect.core.alignment.pose_watch import Break, LEAST_TURN, Oddity
+from plc_inspect.core.alignment.pose_watch import Break, LEAST_TURN, MOVING, Oddity
 from plc_inspect.core.alignment.registration import Fit, fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.results import Float64
@@ -64,20 +64,31 @@ class PendingBreak:
         """
         Look at a step again, as the vehicle may have turned on the spot.
 
+        Where it seems to stand at once it is as likely the odometry that does.
+
         Parameters
         ----------
         velocity : (3,) float64 or None
             Since the last break [m/s]; None as long as it is unknown.
 
         """
-        if self.first is not None and velocity is not None:
-            left, self.first = self.first.judge(velocity), None
+        if self.first is None or velocity is None:
+            return
+        if np.linalg.norm(velocity) >= MOVING:
+            left = self.first.judge(velocity)
             self.total, self.size, self.sigma = left.move, left.size, left.sigma
+            self.cause = left.describe()
+        self.first = None
 
     @property
     def is_none(self) -> bool:
         """Whether the odometry has come back to where it was."""
-        return self.quick and self.size < SAME and abs(self.total.yaw) <= LEAST_TURN
+        return self.quick and self.size < SAME
+
+    def was_none(self, before: RigidMove, after: RigidMove) -> bool:
+        """Tell whether the vehicle turned, and what is seen agrees: the moves are the same."""
+        change = float(np.linalg.norm(after.shift - before.about(after.centre).shift))
+        return self.is_none and change < SAME and abs(after.yaw - before.yaw) <= LEAST_TURN
 
     @property
     def is_little(self) -> bool:

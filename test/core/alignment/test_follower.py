@@ -152,6 +152,35 @@ def test_a_turn_on_the_spot_is_no_step():
     assert len(entered) >= 119
 
 
+def test_positions_that_stick_with_jitter_are_no_turn():
+    follower, rng = Follower(), np.random.default_rng(4)
+
+    def stick(when):
+        if not 4.0 < when < 5.0:
+            return np.zeros(3)
+        stuck, place = (turn_at_once(at, 12.0) for at in (4.0, when))
+        return stuck - place + rng.normal(0.0, 1e-3, 3)
+
+    fly(follower, stick, find=turn_at_once)
+    assert 'the odometry stepped by 0.1' in follower.parts[0].cause
+
+
+def test_a_step_while_the_vehicle_brakes_hard_is_registered():
+    """Poses at 5 Hz: between two of them the braking explains as much."""
+    follower, rng = Follower(), np.random.default_rng(7)
+    for tick in range(60):
+        when = 0.2 * tick
+        braked = max(when - 6.0, 0.0)
+        place = np.array([8.0 * when - 3.0 * min(braked, 4.0 / 3.0) ** 2, 0.0, 15.0])
+        told = place + np.array([-0.8, 0.0, 0.0]) * (when > 6.1)
+        stamp = START + tick * 200_000_000
+        follower.see_pose(stamp, told, UPRIGHT)
+        points = look(place, rng) + told - place
+        apart = np.linalg.norm(points - told, axis=1)
+        list(follower.take(Seen(points, np.full(len(points), stamp), apart, stamp)))
+    assert follower.move.shift[0] == pytest.approx(0.8, abs=0.15)
+
+
 def test_a_step_where_the_vehicle_turns_on_the_spot_is_a_step():
     follower = Follower()
     step = np.array([0.0, 0.5, 0.0])
