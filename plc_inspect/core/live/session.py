@@ -35,7 +35,6 @@ from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
     KeptHazards,
-    SPAN_GONE,
 )
 from plc_inspect.core.tracking.span_registry import SpanRegistry
 from plc_inspect.core.tracking.support_tracking import KeptSupports, SupportBook
@@ -215,14 +214,15 @@ class Session:
         )
         expected = self._follow_renamed(window.spans)
         self._finish_spans(expected, vehicle)
-        keys = {item.key for item in self._registry.spans if item.confirmed}
+        spans = [item.span for item in self._registry.spans if item.confirmed]
+        keys = {(span.line_id, span.span_id) for span in spans}
         told = {old: new for old, new in numbered.items() if new in keys}
         supports = self._supports.update(result.supports, told, window.holds)
         news = HazardNews() if self._judge().poor else self._hazards.update(
             carry_numbers(result.hazards, told, supports), told, expected, window.holds,
             views=[int(self._views.count(item.position[None])[0]) for item in result.hazards],
         )
-        news = news.clear(self._hazards.keep(keys), SPAN_GONE)
+        news = self._hazards.clear_gone(news, spans)
         self._keep_corridor(result, window, numbered, vehicle)
         self._surroundings.update(
             [item.span for item in self._registry.spans], window, result, vehicle
@@ -298,8 +298,7 @@ class Session:
             carry_numbers(result.hazards, numbered, supports), numbered, seen, holds,
             final=True, complete=complete,
         )
-        keys = {item.key for item in self._registry.spans}
-        news = news.clear(self._hazards.keep(keys), SPAN_GONE)
+        news = self._hazards.clear_gone(news, [item.span for item in self._registry.spans])
         state = self._describe(news, result, sequence, started)
         final = replace(
             renumber(result, numbered),

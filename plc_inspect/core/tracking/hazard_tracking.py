@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.hazards.confidence import AT_END
+from plc_inspect.core.hazards.missing_conductors import LEAST_APART
 from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.core.tracking.support_tracking import (
     Holds,
@@ -17,7 +18,7 @@ from plc_inspect.core.tracking.support_tracking import (
     MAX_MISSES,
     take_nearest,
 )
-from plc_inspect.results import Float64, Hazard, HazardKind, SpanKey
+from plc_inspect.results import Float64, Hazard, HazardKind, Span, SpanKey
 
 HAZARD_DISTANCE = 2.0
 """
@@ -39,6 +40,7 @@ Source: judgement; not measured.
 NOT_SEEN = f'{MAX_MISSES} consecutive looks at its place did not find it'
 NOT_FINAL = 'it is not in the final result'
 SPAN_GONE = 'its conductor no longer exists'
+FOUND = 'the conductor is there'
 """Why a hazard is taken back."""
 
 _ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
@@ -229,6 +231,17 @@ class HazardBook:
         items = [self._known.pop(number) for number in gone]
         return tuple(item.hazard for item in items if item.hazard.hazard_id >= 0)
 
+    def clear_gone(self, news: HazardNews, spans: Sequence[Span]) -> HazardNews:
+        """Clear hazards of other spans, and conductors that are not missing; add them to news."""
+        found = [
+            number for number, item in self._known.items()
+            if item.hazard.kind == HazardKind.MISSING
+            and any(_passes(span, item.hazard.position) for span in spans)
+        ]
+        items = [self._known.pop(number).hazard for number in found]
+        news = news.clear([item for item in items if item.hazard_id >= 0], FOUND)
+        return news.clear(self.keep({(item.line_id, item.span_id) for item in spans}), SPAN_GONE)
+
     def _take_provisional(self) -> int:
         self._next_provisional -= 1
         return self._next_provisional
@@ -289,6 +302,14 @@ def _follow(item: TrackedHazard, hazard: Hazard, seen: int, final: bool) -> Trac
         kept = replace(hazard, severity=known.severity)
         return TrackedHazard(hazard=kept, hits=hits, softer=item.softer + 1)
     return TrackedHazard(hazard=hazard, hits=hits)
+
+
+def _passes(span: Span, place: Float64) -> bool:
+    """Tell whether a span hangs at the place (3,) of a conductor that is missing [m]."""
+    along = float((place - span.start)[:2] @ (span.end - span.start)[:2]) / span.length
+    if not 0.0 <= along <= span.length:
+        return False
+    return math.dist(span.positions(np.array([along]))[0], place) < LEAST_APART
 
 
 def _is_at_end(hazard: Hazard) -> bool:

@@ -7,14 +7,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from spans import make_hazard, make_support
+from spans import make_hazard, make_span, make_support
 
 from plc_inspect.core.hazards.confidence import AT_END, IN_DOUBT
 from plc_inspect.core.tracking.hazard_tracking import (
     carry_numbers,
     CONFIRMATIONS,
     END_CONFIRMATIONS,
+    FOUND,
     HazardBook,
+    HazardNews,
     NOT_FINAL,
     NOT_SEEN,
 )
@@ -72,17 +74,30 @@ def test_life_of_a_hazard():
     assert book.hazards[0].hazard_id == 1  # a number is never given twice
 
 
-def test_only_the_final_word_takes_a_missing_conductor_back():
+def test_a_missing_conductor_is_taken_back_in_the_end_or_where_it_is_found():
     """A tick may hold the span, and not those beside it that tell of the conductor."""
-    book = HazardBook()
-    raise_hazard(book, make_hazard((10, 0, 5), kind=HazardKind.MISSING))
+    book, missing = HazardBook(), make_hazard((10, 0, 5), kind=HazardKind.MISSING)
+    raise_hazard(book, missing)
     for _ in range(2 * MAX_MISSES):
         assert tick(book).cleared == ()
     (gone,) = tick(book, final=True).cleared
     assert gone.kind == HazardKind.MISSING
-    tick(book, make_hazard((10, 0, 5), kind=HazardKind.MISSING))
+    tick(book, missing)
     tick(book)  # seen once, it waits no longer
     assert len(book.awaited) == 0
+
+
+@pytest.mark.parametrize(('aside', 'is_there'), [(0.3, True), (0.5, False)])
+def test_a_conductor_that_is_found_is_not_missing(aside, is_there):
+    book = HazardBook()
+    beside = make_span((0, 1.0, 5), (20, 1.0, 5), 0, 0, c=1e5)
+    raise_hazard(book, make_hazard((10, 0, 5), kind=HazardKind.MISSING))
+    found = make_span((0, aside, 5), (20, aside, 5), 1, 0, c=1e5)
+    for other in (beside, make_span((30, 0, 5), (50, 0, 5), 1, 1, c=1e5)):
+        assert book.clear_gone(HazardNews(), [beside, other]).cleared == ()
+    news = book.clear_gone(HazardNews(), [beside, found])
+    assert news.reasons == (FOUND,) * is_there
+    assert len(book.hazards) == (not is_there)
 
 
 def test_flicker_is_not_raised_and_not_cleared():
