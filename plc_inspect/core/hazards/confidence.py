@@ -104,7 +104,8 @@ def list_doubts(model: SpanModel, x: float, limit: Limit, values: dict[str, Any]
     if near_end and values['kind'] not in OF_CONDUCTOR:
         doubts.append(IN_DOUBT + AT_END)
     room = min(values['clearance'], _find_margins(limit, values)[0])
-    if is_blurred(model) and room < measure_reach(model):
+    missing = values['kind'] == HazardKind.MISSING  # no distance to a conductor that is there
+    if not missing and is_blurred(model) and room < measure_reach(model):
         doubts.append(IN_DOUBT + NOT_SHARP)
     return doubts
 

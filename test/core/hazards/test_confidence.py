@@ -92,6 +92,16 @@ def test_what_lies_below_an_open_end_is_of_no_support():
                      if kind not in (HazardKind.GROUND, HazardKind.SAG, HazardKind.MISSING)]
 
 
+def test_blur_is_no_doubt_that_a_conductor_is_missing():
+    model = fit_model()
+    blurred = dataclasses.replace(model, scatter=model.curve.fit.rmse / 3.0)
+    values = {'clearance': 0.0, 'horizontal': 0.0, 'vertical': 0.0, 'severity': Severity.WARNING}
+    middle = (model.start_x + model.end_x) / 2
+    found = [bool(list_doubts(blurred, middle, LIMIT, values | {'kind': kind}))
+             for kind in (HazardKind.VEGETATION, HazardKind.MISSING)]
+    assert found == [True, False]
+
+
 @pytest.mark.parametrize('severity', Severity)
 def test_what_is_in_doubt_is_at_most_a_warning(severity):
     assert cap_severity(severity, 'measured horizontally') == severity
