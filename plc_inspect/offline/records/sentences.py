@@ -52,7 +52,8 @@ def describe_place(
         text = f'sags {measured} more than its peers, {required} tolerated'
         return f'{where}: {text}.'
     if kind == 'missing':
-        text = f'the conductor beside it, line {item["other_line_id"]}, is missing'
+        which = f', line {item["other_line_id"]},' if item['other_line_id'] >= 0 else ''
+        text = f'the conductor beside it{which} is missing'
         return f'{where}: {text}; of {required} {measured} were seen: it may be down.'
     if kind in ('interference', 'crossing'):
         what = 'the next conductor' if kind == 'interference' else 'a crossing conductor'

@@ -298,6 +298,9 @@ def test_worst_places_are_said_in_words(page):
     ({'kind': 'sag'}, 'sags 1.90 m more than its peers, 2.50 m tolerated.'),
     ({'kind': 'crossing', 'other_line_id': 5}, 'a crossing conductor (line 5) at 12 m from'),
     ({'kind': 'crossing'}, 'a crossing conductor (not modelled) at 12 m from'),
+    ({'kind': 'missing', 'other_line_id': 5}, 'the conductor beside it, line 5, is missing;'
+     ' of 2.50 m 1.90 m were seen: it may be down.'),
+    ({'kind': 'missing'}, 'the conductor beside it is missing; of'),
 ])
 def test_sentences(changes, words):
     item = {
