@@ -8,6 +8,7 @@ A conductor that ends at a support, goes on at the next one in the same place be
 the line, and of which nothing lies in between where the others are seen well, is not there.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
@@ -19,7 +20,7 @@ from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleS
 from plc_inspect.core.hazards.crossings import WIDEST
 from plc_inspect.core.hazards.encroachments import describe_hazard
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float64, HazardKind, Severity, Support
+from plc_inspect.results import Float64, HazardKind, Severity, Support
 
 ALONG, ASIDE = 3.0, 0.7
 """
@@ -40,10 +41,10 @@ Points a metre of those beside it, share of their length that is seen, and point
 seen of it, at least.
 Source: judgement: of 50, chance leaves none; a wire far from the lidar has less of a metre.
 """
-TUBE, TUBE_SHARE = 1.0, 0.3
+TUBE = 1.0
 """
-Distance from where it would hang within which its points are looked for [m], at most as a share of
-that to the next conductor.
+Distance from where it would hang within which what is nearer to it than to a conductor is its own
+[m].
 Source: judgement: sags of conductors of a span differ by less.
 """
 LEAST_APART = 0.4
@@ -51,16 +52,20 @@ LEAST_APART = 0.4
 Distance to the next conductor, at least: one that is nearer may be that one, seen twice [m].
 Source: derived: twice by what drift that is mended doubles a map (docs/ingest.md).
 """
-MOST_SEEN = 0.2
+MOST_SEEN = 0.1
 """
-Share of the metres of its length that may hold points, and share of the points that a metre would
-hold from which it does.
-Source: judgement: ends of what hangs down, a crossing line; strays of the conductors beside it.
+Share of the metres of its length that may be seen.
+Source: judgement: ends of what hangs down, a crossing line.
+"""
+LEAST_FILLED = 0.2
+"""
+Share of the points of one metre of those beside it from which a metre is seen; one at least.
+Source: judgement: strays of the conductors beside it are fewer.
 """
 STEP = 1.0
 """Length of a piece of it in which something is seen or not [m].  Source: numerical."""
 MISSING_NOTE = (
-    'it may be down: both spans beside have it, and nothing was seen where it would hang'
+    'it may be down: both spans beside have it, and hardly anything was seen where it would hang'
 )
 
 Records = list[dict[str, Any]]
@@ -107,7 +112,10 @@ def find_missing_conductors(
         groups.setdefault(model.span.span_id, []).append(model)
     result = []
     for group in groups.values():
-        for first, last in _pair_ends(group, ends):
+        pairs = _pair_ends(group, ends)
+        if len(pairs) >= len(group):  # a line that ends, and another one that begins
+            continue
+        for first, last in pairs:
             nearest = min(group, key=lambda model: math.dist(model.span.start, first.place))
             expected = _hang(nearest, first.place, last.place)
             length = math.dist(first.place[:2], last.place[:2])
@@ -119,7 +127,7 @@ def find_missing_conductors(
             )
             if density * length < LEAST_POINTS or apart < LEAST_APART:
                 continue
-            seen = _measure_seen(points, expected, apart, MOST_SEEN * density)
+            seen = _measure_seen(points, expected, group, LEAST_FILLED * density)
             if seen > MOST_SEEN * length:
                 continue
             x = 0.5 * (nearest.start_x + nearest.end_x)
@@ -170,8 +178,9 @@ def _is_well_seen(model: SpanModel) -> bool:
 
 def _pair_ends(group: Sequence[SpanModel], ends: Sequence[_End]) -> list[tuple[_End, _End]]:
     """Return the ends between which a conductor of the span of a group would hang."""
-    if not all(_is_well_seen(model) for model in group):
-        return []
+    alone = Counter(id(end.model) for end in ends)
+    if not all(_is_well_seen(model) and alone[id(model)] < 2 for model in group):
+        return []  # those that go on at neither end are rearranged here
     starts = np.array([model.span.start for model in group])
     lasts = np.array([model.span.end for model in group])
     way = (lasts - starts)[:, :2].mean(axis=0)
@@ -212,23 +221,21 @@ def _hang(model: SpanModel, first: Float64, last: Float64) -> Float64:
 
 
 def _measure_seen(
-    points: Float64, expected: Float64, apart: float, density: float
+    points: Float64, expected: Float64, group: Sequence[SpanModel], density: float
 ) -> float:
     """Return the length of (K, 3) places of a conductor with so many points a metre [m]."""
-    tube = min(TUBE, TUBE_SHARE * apart)
-    low, high = expected.min(axis=0) - tube, expected.max(axis=0) + tube
-    about: Bool = ((points >= low) & (points <= high)).all(axis=1)
+    low, high = expected.min(axis=0) - TUBE, expected.max(axis=0) + TUBE
+    own = points[((points >= low) & (points <= high)).all(axis=1)]
     way = (expected[-1] - expected[0])[:2]
     length = float(np.hypot(*way))
-    apart_x, apart_y = (points[about, :2] - expected[0, :2]).T
-    along = (apart_x * way[0] + apart_y * way[1]) / length
-    aside = (apart_y * way[0] - apart_x * way[1]) / length
-    above = points[about, 2] - np.interp(
-        along, np.linspace(0.0, length, len(expected)), expected[:, 2]
-    )
+    x, y = ((own - expected[0])[:, :2] @ np.array([way, [-way[1], way[0]]]).T / length).T
+    place = np.interp(x, np.linspace(0.0, length, len(expected)), expected[:, 2])
+    away = np.hypot(y, own[:, 2] - place)
+    is_own = (away <= TUBE) & (x >= 0.0) & (x < length)
+    for model in group:
+        is_own &= away < np.hypot(*model.part(own)[1:])
     step = length / (len(expected) - 1)
-    own = (np.hypot(aside, above) <= tube) & (along >= 0.0) & (along < length)
-    count = np.bincount((along[own] / step).astype(np.int64))
+    count = np.bincount((x[is_own] / step).astype(np.int64))
     return step * np.count_nonzero(count >= max(density * step, 1.0))
 
 

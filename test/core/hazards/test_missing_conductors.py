@@ -3,10 +3,14 @@
 
 """Conductors that are missing over one span are told of, those that were not seen well are not."""
 
+from factories import make_model
 import numpy as np
 import pytest
-from toys import make_line_cloud, turn
+from toys import make_line_cloud, make_wire, turn
 
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.missing_conductors import find_missing_conductors
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import HazardKind, Severity
 
@@ -75,3 +79,55 @@ def test_a_conductor_that_drift_doubled_is_not_missing():
     points, own = make_cloud(3.0)
     double = points[(np.abs(points[:, 1]) < 0.1) & (points[:, 2] > 12.0) & ~own]
     assert not find_missing(np.vstack([points, double + np.array([0.0, 0.3, 0.0])]))
+
+
+def test_a_layer_that_is_absent_ends_there():
+    """Three wires below end before the second span, and others begin after it."""
+    points, _ = make_line_cloud(spans=SPANS, half_width=15.0)
+    below, others = make_line_cloud(
+        spans=SPANS, offsets=(-1.0, 0.0, 1.0), half_width=15.0, height=10.0, seed=1
+    )
+    wires = below[(others == 14) & (np.abs(below[:, 0] - 140.0) > 50.0)]
+    assert not find_missing(np.vstack([points, wires]))
+
+
+def hang_spans(*places):
+    """Return models of spans of 100 m, for each number and place aside at start and end."""
+    return [
+        make_model(
+            (100.0 * span_id, first, 15.0), (100.0 * span_id + 100.0, last, 15.0), number,
+            span_id, num_points=1000, coverage=1.0, open_end=False,
+        ) for number, (span_id, first, last) in enumerate(places)
+    ]
+
+
+def search(points, models):
+    return find_missing_conductors(points, models, (), plain_rules(HazardSettings()))
+
+
+WHOLE = tuple((span_id, left, left) for span_id in range(3) for left in (-0.6, 0.6))
+"""Two conductors over three spans."""
+OUTER = (0, 0.0, 0.0), (2, 0.0, 0.0)
+"""One between them, over the first and the last."""
+
+
+@pytest.mark.parametrize(('deeper', 'is_missing'), [
+    (-0.4, False), (-0.25, False), (0.0, False), (0.25, False), (0.9, False), (1.1, True),
+])
+def test_one_without_a_curve_that_sags_otherwise_is_seen(deeper, is_missing):
+    points = make_wire((100.0, 0.0, 15.0), (200.0, 0.0, 15.0))
+    points[:, 2] -= np.where(np.abs(points[:, 0] - 150.0) < 48.0, deeper, 0.0)
+    assert len(search(points, hang_spans(*WHOLE, *OUTER))) == is_missing
+
+
+def test_what_hangs_otherwise_over_one_span_is_not_missing():
+    nothing = np.zeros((0, 3))
+    assert len(search(nothing, hang_spans(*WHOLE, *OUTER))) == 1
+    outer = [place for place in (*WHOLE, *OUTER) if place[0] != 1]
+    wider = [(1, left, left) for left in (-1.5, -0.5, 0.5, 1.5)]
+    assert not search(nothing, hang_spans(*outer, *wider))
+
+
+def test_nothing_hangs_where_nothing_is():
+    assert not search(np.zeros((0, 3)), [])
+    assert not search(np.zeros((0, 3)), hang_spans(*OUTER))
