@@ -371,7 +371,7 @@ class Follower:
             return self._give_up(pending.cause, pending.begin_ns)
         else:
             moved, spread = best.move, best.covariance
-        if pending.was_none(before, moved):
+        if pending.was_none(before, moved, spread):
             return None
         old, self._filter = self._filter, DriftFilter(moved, stamp, spread)
         if old is not None:

@@ -22,6 +22,11 @@ Source: judgement: a correction; what is greater may be another frame.
 """
 SAME = 0.05
 """Steps that return to within this count as none [m].  Source: derived: the noise of a point."""
+SAME_SIGMAS = 2.0
+"""
+Standard deviations by which what is seen must lie off where the odometry, which turned, has it.
+Source: derived: as SURELY_AGAIN of the follower, to which a smaller error is left.
+"""
 UNSURE, STEADY = 0.5, 0.01
 """
 Sigma of position after a break with unknown motion [m], of heading after any break [rad].
@@ -85,10 +90,18 @@ class PendingBreak:
         """Whether the odometry has come back to where it was."""
         return self.quick and self.size < SAME
 
-    def was_none(self, before: RigidMove, after: RigidMove) -> bool:
-        """Tell whether the vehicle turned, and what is seen agrees: the moves are the same."""
-        change = float(np.linalg.norm(after.shift - before.about(after.centre).shift))
-        return self.is_none and change < SAME and abs(after.yaw - before.yaw) <= LEAST_TURN
+    def was_none(self, before: RigidMove, after: RigidMove, spread: Float64) -> bool:
+        """
+        Tell whether the vehicle turned, and what is seen agrees: the moves are the same.
+
+        Given are those before and after it, and the (4, 4) covariance of the latter.
+        """
+        off = after.shift - before.about(after.centre).shift
+        size = float(np.linalg.norm(off))
+        way = off / max(size, 1e-9)
+        sigma = float(np.sqrt(way @ spread[:3, :3] @ way))
+        is_same = size < max(SAME, SAME_SIGMAS * sigma)
+        return self.is_none and is_same and abs(after.yaw - before.yaw) <= LEAST_TURN
 
     @property
     def is_little(self) -> bool:
