@@ -96,7 +96,7 @@ def find_layout(
     def meet() -> tuple[tuple[Joint, ...], tuple[tuple[Joint, ...], ...]]:
         joints = find_joints(curves, settings.max_reach)
         joints = join_at_poles(curves, joints, poles, settings.radius)
-        return _drop_weak(curves, joints, settings)
+        return _drop_weak(curves, _drop_amid(curves, joints, poles, settings), settings)
 
     believed = cut_at_poles(points, curves, poles, settings.min_span / 2)
     believed = cut_together(points, believed, settings.width, settings.min_span / 2)
@@ -181,6 +181,42 @@ def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-unt
                 )
         kept[number] = on_other.mean() < MOST_SHARED
     return kept
+
+
+def _drop_amid(
+    curves: Sequence[Curve], joints: Sequence[Joint], poles: Sequence[StandingPole],
+    settings: SupportSettings,
+) -> tuple[Joint, ...]:
+    """
+    Drop the joints amid a span that was not seen.
+
+    Any two curves in one plane meet somewhere; where supports are known on both sides of that
+    place, between it and what was seen, each hangs on the nearer one.
+    """
+    stations = [(set(map(id, group)), place_station(group))
+                for group in group_joints(joints, settings)]
+
+    def is_known_before(joint: Joint, number: int, side: int, x: float) -> bool:
+        curve = curves[number]
+        others = [place for own, place in stations if id(joint) not in own]
+        known = [
+            curve.local_place(station.position) for station in others
+            if abs(math.sin(station.direction - curve.azimuth)) < math.sin(PARALLEL)
+            and station.may_hold(float(joint.position[2]))
+        ]
+        known += [curve.local_place(pole.position) for pole in poles if pole.holds(curve)]
+        end = curve.high if side > 0 else curve.low
+        return any(
+            (at - end) * side > -settings.radius and (x - at) * side > settings.min_span / 2
+            and abs(y) < settings.width / 2 for at, y in known
+        )
+
+    return tuple(
+        joint for joint in joints if not all(
+            is_known_before(joint, *end)
+            for end in zip(joint.curves, joint.sides, joint.x, strict=True)
+        )
+    )
 
 
 def _drop_weak(

@@ -233,6 +233,36 @@ def test_a_conductor_seen_far_from_its_support_hangs_where_more_of_its_neighbour
         assert min(abs(np.array(at) - 120.0)) < 0.5
 
 
+@pytest.mark.parametrize(('seen', 'poles'), [
+    ((-3.0, 3.0), False), ((3.0,), False), ((), True), ((3.0,), True),
+])
+@pytest.mark.parametrize('length', [40.0, 70.0])
+def test_no_support_stands_amid_a_span_that_was_not_seen(length, seen, poles):
+    supports = [(number * length, 0.0) for number in range(4)]
+    points, curves = make_route(supports, offsets=(-3.0, 0.0, 3.0))
+    hidden = [
+        curve for curve in curves
+        if abs(curve.position((curve.low + curve.high) / 2)[0, 0] - 1.5 * length) < 2.0
+        and not any(abs(curve.position(curve.low)[0, 1] - offset) < 1.0 for offset in seen)
+    ]
+    curves = [curve for curve in curves if curve not in hidden]
+    assert len(hidden) == 3 - len(seen)
+    standing = [
+        StandingPole(position=np.array([x, offset]), base=0.0, top=15.0)
+        for x in (length, 2 * length) for offset in (-3.0, 0.0, 3.0)
+    ] if poles else []
+    layout = find_layout(points, curves, (), SETTINGS, standing)
+    at = [station.position[0] for station in layout.stations]
+    known = [length, 2 * length] if seen else []
+    assert sorted(at) == pytest.approx(known, abs=0.5)
+    ends = [
+        curve.position(x)[0, 0] for curve, low, high in zip(
+            layout.curves, layout.start_x, layout.end_x, strict=True
+        ) for x in (low, high)
+    ]
+    assert np.abs(np.array(ends)[:, None] - np.arange(4) * length).min(axis=1).max() < 1.0
+
+
 @pytest.mark.parametrize('start', [85.0, 90.5])
 def test_a_short_piece_hangs_with_its_nearer_end(start):
     points, curves = make_route([(0, 0), (90, 0), (180, 0)])
