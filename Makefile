@@ -5,17 +5,19 @@ DEMO_OUT := demo_out
 SURVEYS := build/surveys
 
 AUDIT := build/audit
+SLOW := -m 'not slow'
 
 # Where it is set, hundreds of processes would each compile what they import.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test tests kernels axe lint settings picture bench performance accuracy \
+.PHONY: help install demo test test-all tests kernels axe lint settings picture bench performance accuracy \
 	faults soak fuzz lock sbom audit clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
 	@echo 'make demo      fly the demo flight live: node and player over DDS, then a report'
-	@echo 'make test      linter, types and all tests'
+	@echo 'make test      linter, types and all tests but the slow ones'
+	@echo 'make test-all  the same with the slow ones: flights, killed processes, browsers'
 	@echo 'make settings  write config/plc_inspect.yaml, docs/settings.md, docs/constants.md from the code'
 	@echo 'make picture   draw the picture of README.md from the demo flight'
 	@echo 'make bench     print the table of the paper beside that of plc_inspect'
@@ -52,11 +54,14 @@ kernels: install
 
 # One worker more than cores: some tests wait for real time to pass.
 tests: install axe kernels
-	$(BIN)/pytest -n 3 --dist loadfile
+	$(BIN)/pytest -n 3 --dist loadfile $(SLOW)
 
 # Beside each other: mypy and the kernels keep a core each, npm waits for the network.
 test: install
 	@$(MAKE) --no-print-directory --jobs 3 lint tests
+
+test-all:
+	@$(MAKE) --no-print-directory test SLOW=
 
 settings: install
 	$(BIN)/python -m plc_inspect.offline.readers.parameter_file

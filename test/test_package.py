@@ -86,6 +86,7 @@ def test_there_is_one_version(manifest, metadata):
     assert re.findall(r'^(\d+\.\d+\.\d+)', changelog, re.MULTILINE)[0] == version
 
 
+@pytest.mark.slow
 def test_manifest_names_every_import(manifest):
     assert manifest.get('format') == '3'
     assert manifest.findtext('name') == 'plc_inspect'
@@ -95,6 +96,7 @@ def test_manifest_names_every_import(manifest):
         assert IMPORT_TO_KEY.get(name, name) in keys, name
 
 
+@pytest.mark.slow
 def test_setup_requires_every_import(metadata, manifest):
     extras = [item for name in OPTIONAL for item in metadata['extras_require'][name]]
     required = {

@@ -50,6 +50,7 @@ def test_airborne_high_voltage():
     assert len(points) == result.num_points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', [
     'oakland_part2_ad', 'oakland_part3_aj', 'autzen_parking_no_wires',
     'forest_bcts_1_no_wires', 'forest_mixedconifer_no_wires',

@@ -29,6 +29,7 @@ def survey(name, density=20.0, seed=0):
     return cloud, result, scores
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'density', 'found'), [
     ('rack', 20.0, 0.85), ('street', 20.0, 1.0), ('angle', 10.0, 1.0), ('low_voltage', 10.0, 0.95),
     ('medium_voltage', 10.0, 1.0), ('hidden', 6.0, 1.0),
@@ -56,6 +57,7 @@ def test_lines_of_every_kind_are_found(name, density, found):
     assert len(cloud.points) == result.num_points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['no_line', 'town'])
 @pytest.mark.parametrize('density', [5.0, 12.0])
 def test_there_is_no_line_where_there_is_none(name, density):

@@ -53,6 +53,7 @@ def make_toy(rng, spacing=0.02):
     return points, np.arange(len(points)) < len(wires)
 
 
+@pytest.mark.slow
 def test_quick_accuracy_keeps_its_floors_on_maps(bench, cache, capsys):
     code = bench.accuracy.main(['--quick', '--parts', 'maps', '--cache', str(cache)])
     text = capsys.readouterr().out
@@ -61,6 +62,7 @@ def test_quick_accuracy_keeps_its_floors_on_maps(bench, cache, capsys):
     assert bench.tables.MISSED not in text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason='no ../shared/data/real')
 def test_quick_accuracy_keeps_its_floors_on_real_clouds(bench, cache):
     arguments = bench.accuracy.build_parser().parse_args(['--quick'])
@@ -166,6 +168,7 @@ def test_power_of_growth(bench):
     assert passed == [False, True]
 
 
+@pytest.mark.slow
 def test_ticks_of_a_flight_are_told_corridor_by_corridor(bench, cache):
     scaling = bench.scaling
     flight = scaling.fly(cache, 60_000, np.random.default_rng(0))
@@ -191,6 +194,7 @@ def test_ticks_of_a_flight_are_told_corridor_by_corridor(bench, cache):
     assert not scaling.check_flight(fly_on(0.1, 0.12)).passed
 
 
+@pytest.mark.slow
 def test_the_second_flight_begins_where_the_second_half_does(bench, cache, monkeypatch):
     scaling = bench.scaling
     monkeypatch.setattr(scaling, 'COPY_POINTS', 60_000)
@@ -257,6 +261,7 @@ def test_baseline_clusters_along_the_line_as_dbscan_does(bench):
     assert len(pairs) == 2
 
 
+@pytest.mark.slow
 def test_table2_compares_both_programs_on_one_cloud(bench, cache):
     table2 = bench.table2
     survey = bench.surveys.make_map(cache, 'rack', num_points=20_000)

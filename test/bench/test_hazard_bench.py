@@ -14,6 +14,8 @@ from spans import make_hazard
 from plc_inspect.results import HazardKind
 from plc_inspect.sim.surveys.planted import Planted
 
+pytestmark = pytest.mark.slow
+
 BENCH = Path(__file__).parents[2] / 'bench'
 
 

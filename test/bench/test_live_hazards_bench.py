@@ -51,6 +51,7 @@ def test_hazards_far_from_the_way_need_not_be_raised(bench):
     assert words == []
 
 
+@pytest.mark.slow
 def test_a_flight_tells_its_state_at_the_end(bench):
     vehicle, state = bench.fly(3, Settings(), 4.0, 0.3)
     assert vehicle.state is not None

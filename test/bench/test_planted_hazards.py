@@ -18,6 +18,8 @@ from plc_inspect.sim.scenes.scene import SceneBuilder
 from plc_inspect.sim.scenes.terrain import make_terrain
 from plc_inspect.sim.surveys.airborne import simulate_map
 
+pytestmark = pytest.mark.slow
+
 ROUTE = np.column_stack([np.arange(5) * 90.0, np.zeros(5)])
 SIDE = np.array([0.0, 1.0])
 LOW_LINE = dataclasses.replace(

@@ -15,6 +15,8 @@ from plc_inspect.results import HazardKind
 from plc_inspect.sim.scenes.conductors import measure_distances
 from plc_inspect.sim.scenes.scene import Label
 
+pytestmark = pytest.mark.slow
+
 STUDIES = Path(__file__).parents[2] / 'bench/studies'
 SEED = 103
 

@@ -73,6 +73,7 @@ def test_the_worst_come_first(bench, made, result):
     assert [item.seed for item in sorted(items, key=lambda item: item.rank)] == [2, 4, 1, 3]
 
 
+@pytest.mark.slow
 def test_seeds_are_run_and_the_worst_are_drawn(bench, tmp_path, capsys):
     arguments = ['--seeds', '6:7', '--kind', 'clean', '--pictures', str(tmp_path)]
     assert bench.main(arguments) == 0

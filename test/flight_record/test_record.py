@@ -177,6 +177,7 @@ def test_leans_come_back(tmp_path, knows):
     source.recording.close()
 
 
+@pytest.mark.slow
 def test_cut_at_any_byte_gives_the_last_whole_chunk(tmp_path, made):
     data, ends = made
     rng = np.random.default_rng(3)

@@ -71,6 +71,7 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     assert not outcomes['none'].is_defect
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_what_one_process_gives(cluster, tmp_path):
     named, _ = cluster
     points = make_line(2)

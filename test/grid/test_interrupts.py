@@ -21,6 +21,8 @@ import pytest
 
 from plc_inspect.offline.commands.command_line import INTERRUPTED
 
+pytestmark = pytest.mark.slow
+
 SURVEY = (
     'import sys; from plc_inspect.offline.commands.survey import main;'
     ' sys.exit(main(sys.argv[1:]))'

@@ -205,6 +205,7 @@ def test_tiles_have_the_attributes_of_a_single_survey(point_format, tmp_path):
         np.testing.assert_array_equal(np.asarray(tile[name]), np.asarray(las[name]), name)
 
 
+@pytest.mark.slow
 def test_tiles_say_what_their_times_are(tmp_path):
     line, other = make_line(1), make_line(1) + np.array([0.0, 500.0, 0.0])
     paths = []

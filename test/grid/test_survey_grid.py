@@ -75,6 +75,7 @@ def collect(folder):
     return table[np.lexsort(table[:, 2::-1].T)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('cut', CUTS)
 def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
     summary, jobs = inspect(tmp_path / 'out', [cloud], **cut)
@@ -109,6 +110,7 @@ def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
     assert (table[:, 3] != whole[:, 3]).sum() <= 1e-4 * len(whole)
 
 
+@pytest.mark.slow
 def test_spans_that_memory_cuts_off_are_told_and_looked_at_again(tmp_path, monkeypatch):
     path = write_las(tmp_path / 'line.las', make_line(1))
     cut = {'edge': 45.0, 'tile_edge': 45.0, 'halo': 20.0}
@@ -130,6 +132,7 @@ def test_spans_that_memory_cuts_off_are_told_and_looked_at_again(tmp_path, monke
     assert [step[1:] for step in told if step[0] == 'tile'] == [(len(jobs), len(jobs), 0)]
 
 
+@pytest.mark.slow
 def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     """They tell of each span what one run over the merged cloud tells, across tiles."""
     # the middle of the first span lies on the border of two tiles
@@ -169,6 +172,7 @@ def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     assert len(list((tmp_path / 'out').glob('tiles/*/report.html'))) < len(jobs)
 
 
+@pytest.mark.slow
 def test_flights_over_gaps_keep_off_conductors_of_other_tiles(tmp_path):
     """A line that crosses 52 m beyond the open end belongs to another tile."""
     ends = ORIGIN + np.array([[427.0, 40.0, 18.0], [374.0, 190.0, 18.0]])
@@ -209,6 +213,7 @@ def test_the_usual_distance_of_candidates_is_that_of_the_whole(tmp_path):
     assert not list((tmp_path / 'out' / 'work').glob('**/*candidates*'))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('step', ['measure_bounds', 'measure_ground', 'measure_candidates'])
 def test_values_of_the_whole_are_measured_to_the_end(step, cloud, tmp_path, monkeypatch):
     """Not kept from a run that failed at a tile, as on a full disk."""
@@ -232,6 +237,7 @@ def test_values_of_the_whole_are_measured_to_the_end(step, cloud, tmp_path, monk
     assert not list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change', [{'halo': 190.0}, {}])
 def test_ground_that_a_stopped_run_left_is_that_of_its_halo_and_inputs(
     change, cloud, tmp_path, monkeypatch
@@ -253,6 +259,7 @@ def test_ground_that_a_stopped_run_left_is_that_of_its_halo_and_inputs(
     assert not list((tmp_path / 'out').glob('work/tiles/*.heights.npz'))
 
 
+@pytest.mark.slow
 def test_tiles_take_the_ground_that_was_measured_with_the_whole(cloud, tmp_path, monkeypatch):
     cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
     loaded = []
@@ -269,6 +276,7 @@ def test_tiles_take_the_ground_that_was_measured_with_the_whole(cloud, tmp_path,
     np.testing.assert_array_equal(collect(tmp_path / 'kept'), collect(tmp_path / 'anew'))
 
 
+@pytest.mark.slow
 def test_results_of_before_sub_conductors_were_known_are_read(cloud, tmp_path):
     cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
     inspect(tmp_path / 'out', [cloud], **cut)
@@ -286,6 +294,7 @@ def test_results_of_before_sub_conductors_were_known_are_read(cloud, tmp_path):
     np.testing.assert_array_equal(collect(tmp_path / 'out'), before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('gone', ['work', 'work/cells/s000000_0000', 'coverage', 'labels'])
 def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
     cut = {'edge': 45.0, 'tile_edge': 180.0, 'halo': 130.0}
@@ -309,6 +318,7 @@ def test_what_was_removed_is_made_again(gone, cloud, tmp_path):
         assert (path.parent / 'coverage.json').is_file()
 
 
+@pytest.mark.slow
 def test_tasks_of_a_killed_run_leave_the_next_one_alone(cloud, tmp_path, monkeypatch):
     """Those that have begun go on in the workers of a cluster, beside those of that run."""
     class Recorder(OwnProcess):
@@ -355,6 +365,7 @@ def test_heights_of_a_grid_are_those_of_the_whole(tmp_path):
     assert whole['peak'] + Settings().height.beta == pytest.approx(found.threshold, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):
     inspect(tmp_path / 'first', [cloud], halo=250.0)
     tiles = sorted((tmp_path / 'first').glob('tiles/*/points.laz'))
@@ -364,6 +375,7 @@ def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):
     np.testing.assert_array_equal(again[:, 6], before[:, 6])
 
 
+@pytest.mark.slow
 def test_points_have_colours_where_those_of_an_input_do(cloud, tmp_path):
     def read_formats():
         return {
@@ -430,6 +442,7 @@ def test_stages_that_run_together(tmp_path):
         assert again.failures == run.failures
 
 
+@pytest.mark.slow
 def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
     points = read_cloud(cloud).points
     first = write_las(tmp_path / 'a.las', points[::2], 'EPSG:25832')

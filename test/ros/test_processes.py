@@ -88,6 +88,7 @@ def robot(start):
     rclpy.shutdown(context=context)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
 )
@@ -118,6 +119,7 @@ def fly(node, robot):
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('elsewhere', [True, False])
 def test_results_that_cannot_be_written_where_they_should(start, robot, tmp_path, elsewhere):
     out = tmp_path / 'out'
@@ -139,6 +141,7 @@ def test_results_that_cannot_be_written_where_they_should(start, robot, tmp_path
     assert (f'saved to {found[0].parent}' if elsewhere else 'not saved') in told[0]
 
 
+@pytest.mark.slow
 def test_limit_of_file_size_leaves_the_tables(start, robot, tmp_path):
     node = start(NODE, '--ros-args', '-p', f'output.directory:={tmp_path / "out"}',
                  '-p', 'map.max_voxels:=200000', limit=100_000)
@@ -150,6 +153,7 @@ def test_limit_of_file_size_leaves_the_tables(start, robot, tmp_path):
     assert not (tmp_path / 'out' / 'points.laz').exists()
 
 
+@pytest.mark.slow
 def test_killed_node_goes_on_and_its_record_makes_the_results(start, robot, tmp_path):
     options = ('--ros-args', '-p', f'output.directory:={tmp_path / "out"}',
                '-p', 'map.max_voxels:=200000', '-p', 'segment.period:=0.3')
@@ -195,6 +199,7 @@ sys.exit(main(['--ros-args', '-p', 'map.max_voxels:=20000']))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('first', 'code', 'keys'), [
     ('rclpy.shutdown()', 0, False), ('pass', 1, False), ('pass', 1, True),
 ])
@@ -241,6 +246,7 @@ sys.exit(onboard.main(['--ros-args', '-p', 'map.max_voxels:=20000']))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('at', ['start', 'callback and before the save'])
 def test_ctrl_c_ends_the_node_between_callbacks(tmp_path, at):
     isolate()
@@ -254,6 +260,7 @@ def test_ctrl_c_ends_the_node_between_callbacks(tmp_path, at):
     assert ('nothing to save' in done.stdout) == (at != 'start')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_demo_ends_its_processes_on_a_signal(start, tmp_path, number):
     demo = start('plc_inspect.ros.demo', DEMO, tmp_path / 'out')
@@ -263,6 +270,7 @@ def test_demo_ends_its_processes_on_a_signal(start, tmp_path, number):
     assert 'Traceback' not in demo.text()
 
 
+@pytest.mark.slow
 def test_without_data_nothing_is_saved_with_the_committed_parameter_file(start, tmp_path):
     node = start(
         NODE, '--ros-args', '--params-file', ROOT / 'config' / 'plc_inspect.yaml',
@@ -274,6 +282,7 @@ def test_without_data_nothing_is_saved_with_the_committed_parameter_file(start, 
     assert not (tmp_path / 'plc_inspect').exists()
 
 
+@pytest.mark.slow
 def test_flight_of_which_nothing_was_used_is_no_success(start, robot, tmp_path):
     node = start(NODE, '--ros-args', '-p', 'map.max_voxels:=20000')
     robot.connect()
@@ -287,6 +296,7 @@ def test_flight_of_which_nothing_was_used_is_no_success(start, robot, tmp_path):
     assert 'nothing to save: scan stamps are 18.' in node.text()
 
 
+@pytest.mark.slow
 def test_bad_usage_of_the_node_is_one_line(start):
     node = start(NODE, 'surplus')
     assert node.process.wait(60.0) == 2, node.text()
@@ -305,6 +315,7 @@ for arguments in json.loads(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_bad_parameters_of_the_node_are_one_line_each():
     tries = [
         (['--ros-args', '-p', 'height.beta:=1000.0'], 'height.beta must lie in [1, 50]'),

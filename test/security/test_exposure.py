@@ -65,6 +65,7 @@ def run_node(environment, *arguments):
     return lines[0]
 
 
+@pytest.mark.slow
 def test_it_refuses_what_is_open(keys, environment):
     require = ('-p', 'security.require:=tls')
     assert 'graph is open to the network: UDP ' in run_node(environment, *require)
@@ -127,6 +128,7 @@ def try_everything(environment, seconds):
     return json.loads(next(line for line in done.stdout.splitlines() if line.startswith('{')))
 
 
+@pytest.mark.slow
 def test_nothing_of_a_node_with_keys_is_on_the_network(keys, environment):
     home = environment | {'PLC_KEYS': str(keys / 'vehicle')}
     node = subprocess.Popen(

@@ -150,6 +150,7 @@ def test_the_policy_names_what_the_node_opens_and_nothing_else():
         rig.close()
 
 
+@pytest.mark.slow
 def test_where_nothing_is_closed_the_stranger_gets_and_changes_everything(tmp_path):
     """What the other tests rely on: it would find what is open."""
     with Processes(tmp_path) as processes:
@@ -165,6 +166,7 @@ def test_where_nothing_is_closed_the_stranger_gets_and_changes_everything(tmp_pa
         wait_for(lambda: any('reset: ' in line for line in log), 'reset')
 
 
+@pytest.mark.slow
 def test_without_a_key_of_the_fleet_nothing_is_read_and_nothing_changes(
     monkeypatch, tmp_path
 ):
@@ -204,6 +206,7 @@ def signing(fleet, tmp_path, monkeypatch):
     rig.close()
 
 
+@pytest.mark.slow
 def test_what_is_forged_replayed_and_reordered_is_counted_and_shown(signing, fleet, tmp_path):
     key = (fleet / 'vehicle/stream.key').read_bytes()
     source, earlier = Source(5), Signer(key, 1)  # a flight of long ago, by the same vehicle

@@ -148,6 +148,7 @@ def test_changes_add_up_to_what_is_known(steps):
         assert not writer.behind
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(strategies.integers(0, 40), strategies.lists(strategies.tuples(
     strategies.integers(0, 30), strategies.integers(0, 6), strategies.booleans()

@@ -82,6 +82,7 @@ def test_neighbors_are_the_nearest_with_ties_in_order():
     assert apart[1].tolist() == [0.0, 1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_rnn_dbscan_finds_dots_of_two_densities_where_one_eps_cannot():
     rng = np.random.default_rng(3)
     dense = [rng.normal((x, 0.0), 0.02, (60, 2)) for x in (0.0, 0.2)]

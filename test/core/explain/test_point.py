@@ -82,6 +82,7 @@ def pick(cloud, trace, name, decision):
     return rows[np.linspace(0, len(rows) - 1, 5).astype(np.int64)].tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'decision', 'setting'), [
     ('bush', Decision.TOO_LOW, 'height.beta'),
     ('rack', Decision.NOT_LINEAR, 'linearity.max_occupied'),
@@ -136,6 +137,7 @@ def test_a_little_less_than_told_is_not_enough(cloud, trace, name, decision, ste
     assert decide(cloud[0], index, {proposal.setting: proposal.after + step}) == decision
 
 
+@pytest.mark.slow
 def test_two_settings_are_named_where_one_is_not_enough(cloud, trace):
     told = 0
     rows = np.flatnonzero((cloud[1] == 'tree') & (trace.result.decision == Decision.NOT_LINEAR))
@@ -149,6 +151,7 @@ def test_two_settings_are_named_where_one_is_not_enough(cloud, trace):
     assert told
 
 
+@pytest.mark.slow
 def test_confirmed_changes_are_those_of_a_run_of_their_own(cloud, trace):
     rng = np.random.default_rng(3)
     confirmed = 0

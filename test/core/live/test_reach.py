@@ -91,6 +91,7 @@ def test_what_a_rule_set_reaches_is_kept_whole(cloud, rules, voltage, reach, nam
     assert (labels[crown] == CLOSE).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('distance', 'trees'), [(12.0, 1), (30.0, 2)])
 def test_alarms_live_are_those_of_the_end(cloud, distance, trees):
     settings = make_settings(hazards__warning_distance=distance, corridor__radius=0.6)

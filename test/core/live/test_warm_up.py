@@ -8,6 +8,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+import pytest
+
 from plc_inspect.config import Settings
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 
@@ -86,11 +88,13 @@ def test_it_finds_its_lines():
     assert warm_up_pipeline(Settings(), rare=True) == 10
 
 
+@pytest.mark.slow
 def test_a_flight_meets_nothing_new(tmp_path):
     *new, last = run(FLIGHT, str(tmp_path))
     assert new == []
     assert int(last.removeprefix('ticks: ')) > 15
 
 
+@pytest.mark.slow
 def test_scipy_is_loaded_after_the_start_and_before_it_is_asked():
     assert run(ASSIGNMENT) == ['[]', '[]', "['scipy.optimize', 'scipy.special']"]

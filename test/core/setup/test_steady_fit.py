@@ -80,6 +80,7 @@ def fly(seconds=12.0, **errors):
     return fit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('errors', 'which', 'value'), [
     ({'late': 0.05}, 0, -0.05), ({'late': -0.1}, 0, 0.1), ({'share': 0.05}, 1, -0.05 / 1.05),
     ({'share': -0.1}, 1, 0.1 / 0.9), ({'turning': 0.008}, 2, -0.008),
@@ -97,6 +98,7 @@ def test_each_error_is_told_and_no_other(errors, which, value):
     assert (others < 1.0).all()
 
 
+@pytest.mark.slow
 def test_right_looks_are_surely_nothing():
     for seconds in (5.0, 9.0, 21.0):
         steady = fly(seconds).steady
@@ -105,6 +107,7 @@ def test_right_looks_are_surely_nothing():
         assert not steady.sure.any()
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_what_the_flight_shows():
     rng = np.random.default_rng(6)
     found = []

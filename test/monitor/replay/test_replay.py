@@ -174,6 +174,7 @@ def recorded(tmp_path, monkeypatch):
     return path
 
 
+@pytest.mark.slow
 def test_what_comes_before_damage_is_replayed(recorded):
     whole = recorded.read_bytes()
     assert read_tape(recorded).note == ''

@@ -165,6 +165,7 @@ def look_at(text, columns, lines):
     return rows
 
 
+@pytest.mark.slow
 def test_narrow_wide_lost_and_back(domain, radio):
     def narrow(text):
         rows = look_at(text, 80, 24)
@@ -245,6 +246,7 @@ def test_once_prints_a_snapshot(domain, radio):
     assert '\x1b' not in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--once', '--wait', '0.3', '--node', '/nobody'], 'no summary of /nobody within 0.3 s'),
     (['--web', '--host', '0.0.0.0'], 'others can reach 0.0.0.0: give tokens'),

@@ -12,10 +12,13 @@ from monitor.web.flight import ALARMS, HAZARDS, shows_what_is_published, STATE, 
 from nav_msgs.msg import Odometry
 import numpy as np
 from PIL import Image
+import pytest
 from rig import wait_for
 
 from plc_inspect.monitor.picture.condition import LANDED_TIME
 from plc_inspect.ros.graph.qos import ODOMETRY
+
+pytestmark = pytest.mark.slow
 
 PAST = "document.querySelector('#past').textContent"
 RECORDED = '-p', 'output.record:=true'

@@ -102,6 +102,7 @@ def station():
     station.close()
 
 
+@pytest.mark.slow
 def test_a_page_that_draws_long_answers_at_once(station, browse, monkeypatch):
     answered, answer = [], Pace.answer
 
@@ -119,6 +120,7 @@ def test_a_page_that_draws_long_answers_at_once(station, browse, monkeypatch):
     desk.wait(f'{HAZARDS}.length == 5')
 
 
+@pytest.mark.slow
 def test_alarms_are_seen_acknowledged_and_cleared(station, browse):
     desk = browse(station.page.address, 1280, 800, token='token to be shown')
     other = browse(station.page.address, 390, 844, token='only looking', phone=True)
@@ -163,6 +165,7 @@ def test_alarms_are_seen_acknowledged_and_cleared(station, browse):
     assert len(desk.run(ALARMS)) == 1
 
 
+@pytest.mark.slow
 def test_hazards_that_are_held_back_are_shown_so(station, browse):
     desk = browse(station.page.address, 1280, 800, token='token to be shown')
     age = "document.querySelector('#hazards-age').textContent"
@@ -179,6 +182,7 @@ def test_hazards_that_are_held_back_are_shown_so(station, browse):
     desk.wait(f"{ALARMS}.some(([state]) => state == 'cleared')")
 
 
+@pytest.mark.slow
 def test_no_alarm_is_cut_off_silently(station, browse):
     station.tables = make_rows(9, 9)
     station.tables.hazards['severity'] = 3
@@ -204,6 +208,7 @@ def test_no_alarm_is_cut_off_silently(station, browse):
         chrome.wait(f"document.documentElement.dataset.size == '{size % 3 + 1}'")
 
 
+@pytest.mark.slow
 def test_what_was_known_before_a_restart_stays_in_the_bar(station, browse):
     desk = browse(station.page.address, token='token to be shown')
     desk.wait(f'{ALARMS}.length == 1')
@@ -221,6 +226,7 @@ def test_what_was_known_before_a_restart_stays_in_the_bar(station, browse):
     assert row.evaluate('item => item.isConnected')
 
 
+@pytest.mark.slow
 def test_help_opens_at_its_beginning(station, browse):
     phone = browse(station.page.address, 390, 500, token='only looking', phone=True)
     phone.page.click('#help-button')
@@ -228,6 +234,7 @@ def test_help_opens_at_its_beginning(station, browse):
     assert phone.run("document.querySelector('#help').scrollHeight") > 500
 
 
+@pytest.mark.slow
 def test_the_picture_is_steered_by_pointer_and_keyboard(station, browse):
     desk = browse(station.page.address, 1280, 800, token='token to be shown')
     hazard = station.monitor.look(time.monotonic()).hazards[1]
@@ -282,6 +289,7 @@ def test_ways_and_curves_are_drawn_with_few_pieces(station, browse):
     assert desk.run(pieces) == 6 < near  # straight, each of its six spans
 
 
+@pytest.mark.slow
 def test_a_page_without_a_picture_keeps_no_points_for_it(station, browse):
     chrome = browse(station.page.address, 800, 600, token='only looking')
     chrome.page.add_init_script('HTMLCanvasElement.prototype.getContext = () => null')
@@ -294,6 +302,7 @@ def test_a_page_without_a_picture_keeps_no_points_for_it(station, browse):
     assert not chrome.run('station.waiting')
 
 
+@pytest.mark.slow
 def test_all_times_are_of_the_clock_of_the_monitor(station, browse):
     chrome = browse(station.page.address, 800, 600, token='only looking')
     chrome.page.add_init_script('{ const now = Date.now; Date.now = () => now() - 3 * 3600000; }')
@@ -315,6 +324,7 @@ def test_all_times_are_of_the_clock_of_the_monitor(station, browse):
         chrome.page.wait_for_timeout(200)
 
 
+@pytest.mark.slow
 def test_sound_is_said_to_be_on_only_where_it_plays(station, browse):
     chrome = browse(station.page.address, 800, 600, token='only looking')
     button = "document.querySelector('#sound').textContent"
@@ -326,6 +336,7 @@ def test_sound_is_said_to_be_on_only_where_it_plays(station, browse):
     chrome.wait(f"{button} == 'Sound on'")
 
 
+@pytest.mark.slow
 def test_a_page_that_gets_nothing_says_so(station, browse):
     chrome = browse(station.page.address, 800, 600, token='only looking')
     station.silent = True
@@ -336,6 +347,7 @@ def test_a_page_that_gets_nothing_says_so(station, browse):
     assert chrome.run("document.body.classList.contains('old')")
 
 
+@pytest.mark.slow
 def test_a_page_keeps_its_vehicle_when_it_connects_again(browse):
     def show(page, vehicle, count):
         monitor = Monitor()
@@ -357,6 +369,7 @@ def test_a_page_keeps_its_vehicle_when_it_connects_again(browse):
         assert chrome.run(f'{HAZARDS}.length') == 5
 
 
+@pytest.mark.slow
 def test_a_page_of_a_vehicle_that_is_not_there_says_so_until_it_comes(browse):
     def show(page, vehicle):
         monitor = Monitor()
@@ -373,6 +386,7 @@ def test_a_page_of_a_vehicle_that_is_not_there_says_so_until_it_comes(browse):
         chrome.wait(f'{HAZARDS}.length == 4')
 
 
+@pytest.mark.slow
 def test_an_alarm_of_a_monitor_from_before_is_not_acknowledged_on_another(browse):
     def show(page, first):
         monitor, tables = Monitor(), make_rows(6, 1)
@@ -445,6 +459,7 @@ class DeadEnd:
             near.close()
 
 
+@pytest.mark.slow
 def test_a_page_whose_connections_died_without_a_word_comes_back(station, browse):
     way = DeadEnd(int(station.page.address.split(':')[-1].strip('/')))
     with contextlib.closing(way):
@@ -457,6 +472,7 @@ def test_a_page_whose_connections_died_without_a_word_comes_back(station, browse
         chrome.wait(f'{ALARMS}.length == 2')
 
 
+@pytest.mark.slow
 def test_alarms_of_others_ring_at_once_while_they_stand(browse):
     others, monitors = {'/uav1': make_rows(6, 0), '/uav2': make_rows(6, 0)}, {}
 
@@ -489,6 +505,7 @@ def test_alarms_of_others_ring_at_once_while_they_stand(browse):
         assert '(+1 elsewhere)' in chrome.page.title()
 
 
+@pytest.mark.slow
 def test_everybody_can_use_it(station, browse):
     station.status = {'near': (WIRE,), 'heading': 0.5}
     chrome = browse(station.page.address, 390, 844, token='token to be shown', light=True)
@@ -519,6 +536,7 @@ def test_everybody_can_use_it(station, browse):
     assert problems == []
 
 
+@pytest.mark.slow
 def test_severities_on_the_screen_look_alike_to_nobody(station, browse):
     chrome = browse(station.page.address, 1280, 800, token='only looking')
     chrome.page.click('#legend summary')
@@ -535,6 +553,7 @@ def test_severities_on_the_screen_look_alike_to_nobody(station, browse):
         assert distance >= LEAST_DISTANCE, (eye, one, other)
 
 
+@pytest.mark.slow
 def test_a_replay_goes_where_its_time_line_is_pressed(browse):
     source, entries = Source(), []
     for k in range(60):

@@ -206,6 +206,7 @@ def test_a_tile_that_is_delivered_twice_is_told(folder, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_one_far_point_does_not_make_cells_too_large(tmp_path, monkeypatch, capsys):
     """Cells laid by the bounds of the input would hold the whole line, more than is allowed."""
     monkeypatch.setattr(grid_run, 'count_allowed', lambda memory: 25_000)
@@ -633,6 +634,7 @@ def test_a_header_must_count_its_points(tmp_path, capsys):
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.slow
 def test_grids_are_compared(tmp_path, capsys):
     points = make_line(2)
     before = write_las(tmp_path / 'before.las', points, 'EPSG:25832')
@@ -745,6 +747,7 @@ def test_wrong_options_are_refused(folder, tmp_path, capsys):
     assert (out / 'mine.txt').exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('usual', 'is_local'), [(100, True), (6_000_000, False)])
 def test_many_tiles_are_inspected_by_a_local_cluster(
     usual, is_local, folder, tmp_path, monkeypatch

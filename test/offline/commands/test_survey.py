@@ -295,6 +295,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_while_writing_leaves_nothing(tmp_path, number, code):
     cloud = write_las(tmp_path / 'cloud.las', np.random.default_rng(1).random((20, 3)))
@@ -348,6 +349,7 @@ def test_loading_beside_reading_changes_nothing(tmp_path, monkeypatch):
     np.testing.assert_array_equal(plain.line_id, beside.line_id)
 
 
+@pytest.mark.slow
 def test_bar_on_a_terminal_only(tmp_path):
     cloud = write_las(tmp_path / 'cloud.las', np.random.default_rng(1).random((20, 3)))
     code = (

@@ -83,6 +83,7 @@ def spoil():
     return [word for name, value in SPOILED.items() for word in ('--set', f'{name}={value}')]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', ['grid', 'evolution'])
 def test_spoiled_settings_are_mended(file, tmp_path, capfd, method):
     output = tmp_path / 'tuned.yaml'
@@ -106,6 +107,7 @@ def test_spoiled_settings_are_mended(file, tmp_path, capfd, method):
         'height', 'linearity', 'outliers', 'clustering', 'corridor'}
 
 
+@pytest.mark.slow
 def test_the_search_for_f1_finds_it(file, tmp_path, capfd, cloud):
     output = tmp_path / 'tuned.yaml'
     code = run(file, '-o', output, '--truth', file, '--budget', 25, *spoil())
@@ -117,6 +119,7 @@ def test_the_search_for_f1_finds_it(file, tmp_path, capfd, cloud):
     assert 2 * right / (wire.sum() + (cloud[1] == 14).sum()) > 0.97
 
 
+@pytest.mark.slow
 def test_settings_are_not_left_for_a_gain_that_shows_nothing(cloud, monkeypatch):
     given = update(Settings(), {'clustering.eps': 0.5, 'height.num_bins': 250})
     told = []
@@ -128,6 +131,7 @@ def test_settings_are_not_left_for_a_gain_that_shows_nothing(cloud, monkeypatch)
     assert tune(cloud[0], given, SearchPlan(budget=24)).after.value > tuned.before.value
 
 
+@pytest.mark.slow
 def test_a_large_cloud_is_searched_where_the_line_is(cloud, monkeypatch):
     """Wherever its coordinates begin."""
     line, label = cloud
@@ -166,6 +170,7 @@ def test_a_cloud_without_lines_gives_no_file(empty, tmp_path, capfd):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_same_input_same_file(file, tmp_path):
     for name in ('one.yaml', 'two.yaml'):
         assert run(file, '-o', tmp_path / name, '--budget', 12, '--seed', 3, '--quiet') == 0
@@ -253,6 +258,7 @@ def test_steps_of_a_fifth():
     assert measure_change(np.zeros(0, int), np.zeros(0, int)) == 0.0
 
 
+@pytest.mark.slow
 def test_processes_give_what_one_gives(cloud):
     choices = [Settings(), update(Settings(), SPOILED), update(Settings(), {'height.beta': 6.0})]
     results = []
@@ -265,6 +271,7 @@ def test_processes_give_what_one_gives(cloud):
         np.testing.assert_array_equal(wire, same)
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_the_best_so_far(cloud):
     told = []
 
@@ -280,6 +287,7 @@ def test_an_interrupt_keeps_the_best_so_far(cloud):
     assert tuned.after.value > tuned.before.value
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_time_left_and_an_interrupt_writes_the_file(file, tmp_path):
     output = tmp_path / 'tuned.yaml'
     master, slave = pty.openpty()

@@ -122,6 +122,7 @@ def test_origin_crs_is_metric():
     assert {axis.unit_name for axis in system.axis_info} == {'metre'}
 
 
+@pytest.mark.slow
 def test_dxf_is_the_same_in_every_process(folder, tmp_path):
     code = (
         'import json, sys\n'

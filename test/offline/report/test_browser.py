@@ -30,6 +30,8 @@ from plc_inspect.offline.report.paper import check_printing, list_contents, prin
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import Severity
 
+pytestmark = pytest.mark.slow
+
 PROBE = """<script>
 document.querySelectorAll('#hazards th')[1].click();
 document.body.dataset.order = [...document.querySelectorAll('#hazards tbody tr')]

@@ -53,6 +53,7 @@ def snapshot():
     )
 
 
+@pytest.mark.slow
 def test_a_tick_finds_the_same_there(ticks, snapshot):
     here, there = run_tick(Session(), snapshot), ticks.run_tick(Session(), snapshot)
     assert len(here.state.spans) == len(there.state.spans) == 6
@@ -93,6 +94,7 @@ def test_what_fails_there_fails_here(ticks, snapshot):
     assert len(ticks.run_tick(Session(), snapshot).state.spans) == 6
 
 
+@pytest.mark.slow
 def test_a_process_that_was_killed_is_followed_by_another_one(ticks, snapshot):
     before = ticks.pid
     os.kill(before, signal.SIGSTOP)  # so that the tick does not end before
@@ -130,6 +132,7 @@ def test_it_ends_with_a_node_that_is_killed():
         f'/proc/{pid}/stat').read_text().rpartition(')')[2][:3], 'end of the process')
 
 
+@pytest.mark.slow
 def test_it_lets_others_go_first_as_it_is_told(snapshot):
     ticks = TickProcess()
     try:
@@ -144,6 +147,7 @@ def test_it_lets_others_go_first_as_it_is_told(snapshot):
         ticks.close()
 
 
+@pytest.mark.slow
 def test_a_flight_goes_on_after_the_process_of_its_ticks_was_killed():
     ticks = TickProcess()
     rig = Rig(ticks=ticks)

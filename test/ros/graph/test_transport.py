@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -44,6 +45,7 @@ time.sleep(1.0)
 """
 
 
+@pytest.mark.slow
 def test_large_scans_sent_best_effort_all_arrive():
     isolate()
     domain = take_domain()

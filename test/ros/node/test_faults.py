@@ -67,6 +67,7 @@ def check_map(rig, points):
     assert (found <= high).all()
 
 
+@pytest.mark.slow
 def test_odometry_stops_and_comes_back(rig, said):
     rig.feed(2)
     before = dropped(rig.counters(), DropReason.WAITED_TOO_LONG)

@@ -125,6 +125,7 @@ def test_odometry_too_slow(rig, fly):
     assert 'odometry comes every 0.34 s' in fly(send)
 
 
+@pytest.mark.slow
 def test_two_drivers_on_one_topic(rig):
     """The second lidar hangs 2 m lower; nothing of it gets into the map."""
     node = Node('other_driver', context=rig.contexts[1])

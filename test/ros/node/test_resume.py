@@ -87,6 +87,7 @@ def go_on(rig, known):
     rig.call('segment')
 
 
+@pytest.mark.slow
 def test_it_goes_on_with_map_numbers_and_hazards(begin, flown, tmp_path, capfd):
     rig = begin()
     assert rig.node.intake.accumulator.map.centroids().tobytes() == flown['points'].tobytes()

@@ -118,6 +118,7 @@ def test_writer_that_fails_leaves_the_tables(rig, tmp_path, monkeypatch):
     assert not (tmp_path / 'out' / 'points.laz').exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('pause', [0.0, 0.08])
 @pytest.mark.parametrize('service', ['segment', 'save'])
 def test_two_hundred_calls_are_answered(rig, service, pause):

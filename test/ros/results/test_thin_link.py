@@ -197,6 +197,7 @@ def test_it_speaks_every_second_also_when_nothing_is_new(found, late):
     assert picture.counts.lost_summary == picture.counts.lost_cloud == 0
 
 
+@pytest.mark.slow
 def test_what_is_kept_has_all_turns(found):
     assert SUMMARY.depth == KEPT >= 2 * TURNS
     found.reset()

@@ -110,6 +110,7 @@ def test_seeds_reproduce(make, kind):
     assert first.cloud.points.tobytes() != make(other, kind).cloud.points.tobytes()
 
 
+@pytest.mark.slow
 def test_no_flight_is_below_the_ground(make):
     # 18 m beside the route, 2.6 m above it, lies a hill: from within it, nothing else is seen
     scene = make(393003, 'no-lines')

@@ -13,6 +13,8 @@ from plc_inspect.sim.scenes.conductors import measure_distances
 from plc_inspect.sim.scenes.scene import measure_offset, SceneBuilder
 from plc_inspect.sim.scenes.terrain import Terrain
 
+pytestmark = pytest.mark.slow
+
 WIRELESS = ('no_line', 'town')
 
 

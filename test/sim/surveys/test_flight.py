@@ -247,6 +247,7 @@ def test_boxes_of_hazards_hold_what_was_in_them(yaw):
     assert (high - low)[1] == pytest.approx(1.0 + 60.0 * abs(yaw), rel=0.01)
 
 
+@pytest.mark.slow
 def test_truth_of_a_flight_lies_where_the_odometry_puts_it(scene):
     """Wire returns placed by the odometry lie on the placed conductors, not on the true ones."""
     sink = Sink()
