@@ -60,6 +60,22 @@ LEAST_COMPANY = 4
 Least number of cells nearly as low that show a low point to be no stray.
 Source: judgement; not measured.
 """
+PIT_REACH = 2
+"""Cells to each side that show whether one lies in a pit.  Source: judgement: 2 m."""
+PIT_PAIRS = 6
+"""Pairs of cells on both sides of one that tell of a pit.  Source: judgement: half of them."""
+PIT_DEPTH, PIT_ROUGH = 0.5, 0.15
+"""
+Depth of a pit at least, and scatter of the pairs about their median at most [m].
+Source: derived: as labels.GROUND_BAND; judgement: lowest points of a meadow scatter by 0.05 m,
+those of a crown by 0.5 m and more.
+"""
+PIT_COMPANY, PIT_ROUNDS = 3, 4
+"""
+Cells about a pit that are as low, or half as low as it is deep, at most; and how often pits are
+looked for, as one may hide behind another.
+Source: derived: a lane of one cell between two roofs has four.
+"""
 NUM_SWEEPS = 2
 """
 Passes over the grid, forth and back, that compute the envelope.
@@ -120,7 +136,7 @@ class LowSurface:
 
 def find_surface(lowest: Float32, cell: float, max_slope: float) -> LowSurface:
     """Find what may be ground among the lowest points of cells; see `estimate_ground`."""
-    surface = _drop_stray_lows(lowest, cell, max_slope)
+    surface = _drop_stray_lows(_drop_pits(lowest), cell, max_slope)
     low = _find_seen(surface, cell, max_slope)
     dense = low & _is_areal(low, SURE_SHARE, 1.0)
     sure = dense | low & _join_pairs(low)
@@ -186,6 +202,55 @@ def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-unty
             needed = np.float32(share) * max(available, least)
             result[row, column] = np.float32(area[column]) >= needed
     return result
+
+
+@njit(cache=True, nogil=True)
+def _drop_pits(lowest):  # type: ignore[no-untyped-def]
+    """
+    Clear cells that lie in narrow pits of something smooth: returns from below the ground.
+
+    Two cells on both sides of one, as far from it each, tell its height on any slope.  What is
+    seen through a crown stays, as that is rough, and so does what more cells show.
+    """
+    before, result = lowest, lowest.copy()
+    for _ in range(PIT_ROUNDS):
+        if not _clear_pits(before, result):
+            break
+        before = result.copy()
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _clear_pits(lowest, result):  # type: ignore[no-untyped-def]
+    """Clear the pits of one round; tell whether there were any."""
+    rows, columns = lowest.shape
+    middle, found = np.empty((2 * PIT_REACH + 1) ** 2 // 2), False
+    for row in range(PIT_REACH, rows - PIT_REACH):
+        for column in range(PIT_REACH, columns - PIT_REACH):
+            z = lowest[row, column]
+            beside = lowest[row, column - 1] + lowest[row, column + 1]
+            ahead = lowest[row - 1, column] + lowest[row + 1, column]
+            if not (z < beside / 2 - PIT_DEPTH or z < ahead / 2 - PIT_DEPTH):
+                continue
+            num = 0
+            for dr in range(PIT_REACH + 1):
+                for dc in range(-PIT_REACH, PIT_REACH + 1):
+                    pair = (lowest[row + dr, column + dc] + lowest[row - dr, column - dc]) / 2
+                    if (dr > 0 or dc > 0) and not np.isnan(pair):
+                        middle[num] = pair
+                        num += 1
+            level = np.median(middle[:num]) if num >= PIT_PAIRS else z
+            if (level - z < PIT_DEPTH
+                    or np.median(np.abs(middle[:num] - level)) > PIT_ROUGH):
+                continue
+            company = -1  # the cell itself
+            for r in range(row - PIT_REACH, row + PIT_REACH + 1):
+                for c in range(column - PIT_REACH, column + PIT_REACH + 1):
+                    company += lowest[r, c] < (z + level) / 2
+            if company <= PIT_COMPANY:
+                result[row, column] = np.nan
+                found = True
+    return found
 
 
 @njit(cache=True, nogil=True)

@@ -186,3 +186,43 @@ def test_a_lone_low_return_beside_the_cloud_hides_no_ground(depth):
     assert (seen[:, :60] == known_seen[:, :60]).all()
     assert not seen[30, 85]
     assert np.abs(ground - known)[:, :60].max() < 1e-6
+
+
+def lay_noise(share, slope, seed):
+    """Return the lowest points of a meadow on a slope, and which lie far below it."""
+    rng = np.random.default_rng(seed)
+    row, column = np.mgrid[:80, :90]
+    lowest = (slope * (0.8 * row - 0.6 * column) + rng.normal(0.0, 0.05, row.shape))
+    noise = rng.random(row.shape) < share
+    lowest[noise] -= rng.uniform(0.8, 6.0, noise.sum())
+    return lowest.astype(np.float32), noise
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('slope', [0.0, 0.4])
+@pytest.mark.parametrize(('share', 'seen'), [(0.01, 0.97), (0.06, 0.9)])
+def test_returns_from_below_the_ground_hide_none_of_it(share, seen, slope, seed):
+    lowest, noise = lay_noise(share, slope, seed)
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    inner = np.s_[3:-3, 3:-3]
+    assert found[inner][~noise[inner]].mean() > seen
+    assert found[inner][noise[inner]].mean() < 0.1
+
+
+@pytest.mark.parametrize('wide', [1, 5])
+def test_the_ground_of_a_lane_between_roofs_is_kept(wide):
+    lowest = np.full((60, 60), 3.0, dtype=np.float32)
+    lowest[:, 30 : 30 + wide] = 0.0
+    lowest[:20] = lowest[-20:] = 0.0
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    assert found[20:40, 30 : 30 + wide].all()
+
+
+def test_what_is_seen_through_a_crown_stays():
+    rng = np.random.default_rng(4)
+    lowest = rng.uniform(4.0, 7.0, (60, 60)).astype(np.float32)
+    ground = rng.random(lowest.shape) < 0.08
+    lowest[ground] = rng.normal(0.0, 0.05, ground.sum())
+    lowest[:20] = lowest[-20:] = 0.0
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    assert found[20:40][ground[20:40]].mean() > 0.7
