@@ -54,6 +54,12 @@ Places that are this much higher above ground than the lowest of their span are 
 Source: derived: more than a plane differs from the lowest points about it.
 """
 
+FINE_STEP, FINE_REACH = 0.2, 0.8
+"""
+About the lowest place of a span the ground is measured in such steps, so far to both sides [m].
+Source: derived: places are 1 m apart, and on a crest of 37 degrees 0.1 m is 0.08 m.
+"""
+
 HANGS = 2.0
 """
 A wire hangs as a conductor does where it scatters about a straight line this many times as much
@@ -251,7 +257,28 @@ def measure_ground(
             (own[:, 2] == ROUGH_SIGMA) if (chosen & ~np.isfinite(own[:, 1])).any()
             else np.zeros(len(own), dtype=bool) for own, chosen in zip(result, wanted, strict=True)
         ]
-    return tuple(own[np.isfinite(own[:, 1])] for own in result)
+    kept = [own[np.isfinite(own[:, 1])] for own in result]
+    fine = [_list_fine(model, own) for model, own in zip(models, kept, strict=True)]
+    if any(map(len, fine)):
+        _find_ground(points, height, models, fine, [np.ones(len(own), bool) for own in fine])
+    for own, more in zip(kept, fine, strict=True):
+        for station in more[np.isfinite(more[:, 1])]:
+            lowest = int(np.argmin(own[:, 1]))
+            own[lowest] = min(own[lowest], station, key=lambda place: place[1])
+    return tuple(kept)
+
+
+def _list_fine(model: SpanModel, stations: Float64) -> Float64:
+    """Return (F, 3) more places about the lowest of a span, above ground as high as there."""
+    if not len(stations):
+        return stations
+    along, height, sigma = stations[int(np.argmin(stations[:, 1]))]
+    steps = np.arange(-FINE_REACH, FINE_REACH + FINE_STEP / 2, FINE_STEP)
+    more = along + steps[np.abs(steps) > FINE_STEP / 2]
+    more = more[(more > stations[0, 0]) & (more < stations[-1, 0])]
+    ground = float(model.curve.fit.height(model.at(np.array(along)))) - height
+    heights = model.curve.fit.height(model.at(more)) - ground
+    return np.column_stack([more, heights, np.full(len(more), sigma)])
 
 
 def _find_ground(
