@@ -16,6 +16,7 @@ import numpy as np
 import pyogrio
 
 from plc_inspect import __version__
+from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.sources import Refusal, Source
 from plc_inspect.grid.engine import Task
@@ -39,6 +40,7 @@ from plc_inspect.offline.records.changes import (
 )
 from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, Record, Units
+from plc_inspect.offline.records.limits import make_limits
 from plc_inspect.results import InspectionResult
 from plc_inspect.setting_names import to_mapping
 from plc_inspect.whole_files import replace_file
@@ -151,10 +153,11 @@ def _compare(run: GridRun, summary: GridSummary) -> GridSummary:
     if run.baseline is None:
         return summary
     try:
-        changes = find_changes(
-            run.baseline, read_survey(run.folder, is_running=True),
-            run.settings.hazards.sag_deviation,
+        hazards = run.settings.hazards
+        after = replace(
+            read_survey(run.folder, is_running=True), limits=make_limits(hazards, run.rules)
         )
+        changes = find_changes(run.baseline, after, hazards.sag_deviation)
     except DataError as error:
         failure = ('baseline', run.baseline.name, str(error))
         return replace(summary, failures=(*summary.failures, failure))
@@ -296,6 +299,7 @@ def _describe(
         'failures': [list(item) for item in summary.failures],
         'notes': list(summary.notes),
         'whole': run.ledger.find_fact('whole'),
+        'rules': describe_rules(run.rules or plain_rules(run.settings.hazards)),
         'settings': to_mapping(run.settings),
         'peak_memory': measure_peak_memory(),
     }

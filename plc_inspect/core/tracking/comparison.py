@@ -301,23 +301,44 @@ def _match_hazards(
     before: Sequence[Hazard], after: Sequence[Hazard]
 ) -> tuple[tuple[tuple[Hazard, Hazard], ...], list[Hazard], tuple[Hazard, ...]]:
     """Return pairs of the same hazard, hazards that are gone, and new ones."""
-    marks = [[_mark_box(item.extent) for item in own] for own in (before, after)]
-    near, costs = [], []
-    for i, j in _find_near(marks[0], marks[1], SAME_PLACE + STEP):
-        first, second = before[i], after[j]
-        if first.kind != second.kind:
-            continue
-        apart = measure_box_gap(first.extent, second.extent)
-        if apart <= SAME_PLACE:
-            near.append((i, j))
-            costs.append(apart + TIE_BREAK * math.dist(first.position, second.position))
-    pairs = _assign(near, costs)
+    near = find_same_place(before, after)
+    pairs = _assign([(i, j) for i, j, _ in near], [
+        apart + TIE_BREAK * math.dist(before[i].position, after[j].position)
+        for i, j, apart in near
+    ])
     firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
     return (
         tuple((before[i], after[j]) for i, j in pairs),
         [item for i, item in enumerate(before) if i not in firsts],
         tuple(item for j, item in enumerate(after) if j not in seconds),
     )
+
+
+def find_same_place(
+    before: Sequence[Hazard], after: Sequence[Hazard]
+) -> list[tuple[int, int, float]]:
+    """
+    Return all pairs of hazards of one kind at one place, with the gap between their boxes.
+
+    Parameters
+    ----------
+    before, after : sequence of Hazard
+        In one frame.
+
+    Returns
+    -------
+    list of tuple
+        Indices into ``before`` and ``after``, and the gap [m]; a hazard may be in many pairs.
+
+    """
+    marks = [[_mark_box(item.extent) for item in own] for own in (before, after)]
+    result = []
+    for i, j in _find_near(marks[0], marks[1], SAME_PLACE + STEP):
+        if before[i].kind == after[j].kind:
+            apart = measure_box_gap(before[i].extent, after[j].extent)
+            if apart <= SAME_PLACE:
+                result.append((i, j, apart))
+    return result
 
 
 def _find_seen(

@@ -77,6 +77,8 @@ def render_changes(changes: 'Changes', units: 'Units') -> str:
         f' {len(record["cleared_hazards"])} cleared,'
         f' {len(record["hazards_not_seen_again"])} not seen again'
     )
+    if record['limits_note']:
+        parts.append(record['limits_note'])
     return '\n\n'.join(parts)
 
 

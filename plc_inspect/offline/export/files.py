@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from plc_inspect import __version__
+from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.offline.export.coverage_files import make_plan, write_coverage_views
 from plc_inspect.offline.export.dxf import write_dxf
 from plc_inspect.offline.export.geo import write_geo
@@ -202,6 +203,7 @@ def describe_run(inspection: Inspection, num_written: int) -> Record:
         'num_corridor_points': len(result.corridor),
         'held_back': inspection.counts.get('held_back', ''),
         'not_covered': inspection.rules.gaps if inspection.rules is not None else '',
+        'rules': describe_rules(inspection.rules or plain_rules(inspection.settings.hazards)),
         'coarse_ground': describe_coarse_ground(inspection),
         'classes': {
             item.name.lower(): int(np.count_nonzero(result.classification == item))

@@ -3,7 +3,7 @@
 
 """Compares a run with an earlier results folder."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 
@@ -11,7 +11,12 @@ import numpy as np
 import pyproj
 from pyproj.exceptions import CRSError
 
-from plc_inspect.core.tracking.comparison import Change, compare_surveys, Comparison
+from plc_inspect.core.tracking.comparison import (
+    Change,
+    compare_surveys,
+    Comparison,
+    find_same_place,
+)
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.inspection import (
     describe_hazard,
@@ -20,11 +25,21 @@ from plc_inspect.offline.records.inspection import (
     Record,
     Units,
 )
+from plc_inspect.offline.records.limits import (
+    describe_limit_changes,
+    LimitChange,
+    Limits,
+    list_limit_changes,
+    make_limits,
+    read_limits,
+    would_raise,
+)
 from plc_inspect.offline.records.results_reader import (
     parse_hazard,
     parse_span,
     parse_units,
     read_points,
+    read_run,
     read_table,
     understanding,
 )
@@ -54,6 +69,8 @@ class Survey:
     """(N, 3) vegetation [m]."""
     canopy_span: Int32
     """(N,) span_id of it."""
+    limits: Limits = field(default_factory=Limits)
+    """By which the hazards were raised."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +96,12 @@ class Changes:
     vegetation: dict[tuple[int, int], Change]
     """Distance to the nearest vegetation of each span, by the ids of the second survey."""
     growth: tuple[Growth, ...]
+    limits: tuple[LimitChange, ...] = ()
+    """Those that differ."""
+    unjudged_before: tuple[Hazard, ...] = ()
+    """Hazards only of the first survey, which the limits of the second might not have raised."""
+    unjudged: tuple[Hazard, ...] = ()
+    """Hazards only of the second survey, which the limits of the first might not have raised."""
 
 
 def read_survey(folder: Path, *, is_running: bool = False) -> Survey:
@@ -90,7 +113,8 @@ def read_survey(folder: Path, *, is_running: bool = False) -> Survey:
     folder : Path
         As `write_results` wrote it, or a run over a grid.
     is_running : bool
-        The run over the grid has not come to its end, and has written all that is read.
+        The run over the grid has not come to its end, and has written all that is read but its
+        limits, which are left out.
 
     Returns
     -------
@@ -120,10 +144,15 @@ def read_survey(folder: Path, *, is_running: bool = False) -> Survey:
         found = tuple(parse_span(row, units) for row in spans['spans'])
     with understanding(folder / 'hazards.json'):
         raised = tuple(parse_hazard(row, units) for row in hazards['hazards'])
+    limits = Limits()
+    if not is_running:
+        run = read_run(folder)
+        with understanding(folder / 'run.json'):
+            limits = read_limits(run)
     canopy, span = _read_canopy(folder, units)
     return Survey(
         name=folder.name, crs=crs, frame_id=frame_id, units=units, spans=found, hazards=raised,
-        vegetation=vegetation, canopy=canopy, canopy_span=span,
+        vegetation=vegetation, canopy=canopy, canopy_span=span, limits=limits,
     )
 
 
@@ -157,6 +186,7 @@ def to_survey(inspection: Inspection) -> Survey:
         vegetation={key: value for key, value in clearances.items() if value is not None},
         canopy=inspection.points[rows],
         canopy_span=result.span_id[rows],
+        limits=make_limits(inspection.settings.hazards, inspection.rules),
     )
 
 
@@ -198,8 +228,42 @@ def find_changes(before: Survey, after: Survey, sag_deviation: float) -> Changes
                 before=before.vegetation[keys[0]], after=after.vegetation[keys[1]],
                 sigma=item.height.sigma,
             )
-    return Changes(before=before.name, comparison=comparison, vegetation=vegetation,
-                   growth=_measure_growth(before, after))
+    changes = Changes(before=before.name, comparison=comparison, vegetation=vegetation,
+                      growth=_measure_growth(before, after))
+    return _set_apart(changes, before, after)
+
+
+def _set_apart(changes: Changes, before: Survey, after: Survey) -> Changes:
+    """Take out of new and cleared hazards what other limits alone may explain."""
+    limits = list_limit_changes(before.limits, after.limits)
+    if not limits:
+        return changes
+    comparison = changes.comparison
+    still = {j for _, j, _ in find_same_place(before.hazards, comparison.new)}
+    new = [
+        i not in still and would_raise(item, after.limits, before.limits)
+        for i, item in enumerate(comparison.new)
+    ]
+    still = {i for i, _, _ in find_same_place(comparison.cleared, after.hazards)}
+    cleared = [
+        i not in still and would_raise(item, before.limits, after.limits)
+        for i, item in enumerate(comparison.cleared)
+    ]
+    return replace(
+        changes, limits=limits,
+        unjudged_before=_choose(comparison.cleared, cleared, False),
+        unjudged=_choose(comparison.new, new, False),
+        comparison=replace(
+            comparison, new=_choose(comparison.new, new),
+            cleared=_choose(comparison.cleared, cleared),
+        ),
+    )
+
+
+def _choose(
+    hazards: tuple[Hazard, ...], chosen: list[bool], wanted: bool = True
+) -> tuple[Hazard, ...]:
+    return tuple(item for item, own in zip(hazards, chosen, strict=True) if own == wanted)
 
 
 def check_systems(before: Survey, name: str, crs: str) -> None:
@@ -247,6 +311,17 @@ def describe_changes(changes: Changes, units: Units) -> Record:
         'new_hazards': [item.hazard_id for item in comparison.new],
         'cleared_hazards': [describe_hazard(item, units) for item in comparison.cleared],
         'hazards_not_seen_again': [describe_hazard(item, units) for item in comparison.unseen],
+        'limits': [
+            {'name': item.name, 'before': item.before, 'after': item.after}
+            for item in changes.limits
+        ],
+        'limits_note': describe_limit_changes(
+            changes.limits, len(changes.unjudged_before), len(changes.unjudged)
+        ),
+        'unjudged_hazards_before': [
+            describe_hazard(item, units) for item in changes.unjudged_before
+        ],
+        'unjudged_hazards': [item.hazard_id for item in changes.unjudged],
         'growth': [
             {'span_id': item.span_id, 'median': item.median / scale,
              'highest': item.highest / scale, 'num_cells': item.num_cells}

@@ -3,6 +3,7 @@
 
 """The plc_compare command on folders that were written."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
@@ -12,13 +13,18 @@ from factories import make_inspection
 import numpy as np
 import pytest
 
+from plc_inspect.config import Settings
 from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.compare import main, NAME
 from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.offline.records.changes import find_changes, read_survey, to_survey
+from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import PointClass
+from plc_inspect.setting_names import update
 
 ROOT = Path(__file__).parents[3]
+AS_HAZARDS = 'cleared_hazards', 'hazards_not_seen_again', 'unjudged_hazards_before'
 
 
 def grow(inspection, by):
@@ -77,7 +83,7 @@ def list_keys(value):
         return set()
     return set(value) | {
         key for name, item in value.items()
-        if name not in ('cleared_hazards', 'hazards_not_seen_again') for key in list_keys(item)
+        if name not in AS_HAZARDS for key in list_keys(item)
     }
 
 
@@ -130,3 +136,91 @@ def test_frames_must_agree():
     first, second = make_inspection(crs='EPSG:25832'), make_inspection(crs='EPSG:25833')
     with pytest.raises(DataError, match=r'UTM zone 32N.*UTM zone 33N'):
         find_changes(to_survey(first), to_survey(second), 0.25)
+
+
+def write_with_limits(folder, warning, critical, hazards=None, **changes):
+    """Write the run of the factory as if raised by other limits, with some of its hazards."""
+    settings = update(Settings(), {
+        'hazards.warning_distance': warning, 'hazards.critical_distance': critical, **changes})
+    inspection = make_inspection(frame_id='odom', settings=settings)
+    if hazards is not None:
+        inspection = replace(inspection, result=replace(inspection.result, hazards=hazards))
+    write_results(folder, inspection)
+
+
+def compare(before, after, path):
+    """Compare two folders, and return what is written."""
+    assert main([str(before), str(after), '-o', str(path), '--force']) == 0
+    return json.loads(path.read_text(encoding='utf-8'))
+
+
+def test_other_limits_clear_no_hazard(folders, tmp_path, capsys):
+    (hazard,) = make_inspection().result.hazards
+    assert 0.7 < hazard.clearance < 4.0
+    write_with_limits(tmp_path / 'narrow', 0.7, 0.5, ())
+    record = compare(folders / 'first', tmp_path / 'narrow', tmp_path / 'changes.json')
+    assert record['cleared_hazards'] == []
+    assert [item['hazard_id'] for item in record['unjudged_hazards_before']] == [0]
+    assert record['limits'] == [
+        {'name': 'hazards.warning_distance', 'before': 4.0, 'after': 0.7},
+        {'name': 'hazards.critical_distance', 'before': 2.0, 'after': 0.5},
+    ]
+    text = capsys.readouterr().out
+    assert 'hazards.warning_distance was 4.0 and is 0.7' in text
+    assert '0 new, 0 kept, 0 cleared' in text
+    # the other way nothing is new
+    record = compare(tmp_path / 'narrow', folders / 'first', tmp_path / 'changes.json')
+    assert (record['new_hazards'], record['unjudged_hazards']) == ([], [0])
+
+
+def test_what_both_limits_raise_is_new_or_cleared(folders, tmp_path):
+    # nothing is there, though 3 m would have raised it
+    write_with_limits(tmp_path / 'clear', 3.0, 2.0, ())
+    record = compare(folders / 'first', tmp_path / 'clear', tmp_path / 'changes.json')
+    assert [item['hazard_id'] for item in record['cleared_hazards']] == [0]
+    assert (record['unjudged_hazards_before'], len(record['limits'])) == ([], 1)
+    record = compare(tmp_path / 'clear', folders / 'first', tmp_path / 'changes.json')
+    assert (record['new_hazards'], record['unjudged_hazards']) == ([0], [])
+
+
+def test_a_part_of_a_wider_hazard_is_not_new(folders, tmp_path):
+    # narrow limits raise two places where wide ones raise one
+    (hazard,) = make_inspection().result.hazards
+    write_with_limits(
+        tmp_path / 'narrow', 3.5, 2.0, (hazard, replace(hazard, hazard_id=1)))
+    record = compare(folders / 'first', tmp_path / 'narrow', tmp_path / 'changes.json')
+    assert len(record['kept_hazards']) == 1
+    assert record['new_hazards'] == []
+    assert len(record['unjudged_hazards']) == 1
+
+
+def test_equal_limits_are_not_spoken_of(folders, tmp_path, capsys):
+    write_with_limits(tmp_path / 'grown', 4.0, 2.0, (), **{'hazards.growth': 0.5})
+    record = compare(folders / 'first', tmp_path / 'grown', tmp_path / 'changes.json')
+    assert (record['limits'], record['limits_note']) == ([], '')
+    assert len(record['cleared_hazards']) == 1
+    assert 'limits' not in capsys.readouterr().out
+
+
+def test_rules_changed_since_are_another_edition(folders, tmp_path):
+    rules = tmp_path / 'own.yaml'
+    text = ('name: own\ntitle: own\nedition: "1"\nsource: test\n'
+            'limits:\n  - {feature: vegetation, distance: 4.0}\n')
+    rules.write_text(text, encoding='utf-8')
+    settings = update(Settings(), {'hazards.rules': str(rules)})
+    for name, edition in (('old', '1'), ('new', '2')):
+        rules.write_text(text.replace('"1"', f'"{edition}"'), encoding='utf-8')
+        write_results(tmp_path / name, make_inspection(
+            frame_id='odom', settings=settings, rules=load_rules(settings.hazards)))
+    record = compare(tmp_path / 'old', tmp_path / 'new', tmp_path / 'changes.json')
+    assert record['limits'] == [{'name': 'edition of the rules', 'before': '1', 'after': '2'}]
+
+
+def test_the_report_names_limits_that_differ(folders):
+    settings = update(Settings(), {
+        'hazards.warning_distance': 0.7, 'hazards.critical_distance': 0.5})
+    inspection = make_inspection(frame_id='odom', settings=settings)
+    inspection = replace(inspection, result=replace(inspection.result, hazards=()))
+    changes = find_changes(read_survey(folders / 'first'), to_survey(inspection), 0.25)
+    page = render_report(replace(inspection, changes=changes))
+    assert 'Limits of hazards differ: hazards.warning_distance was 4.0 and is 0.7' in page
