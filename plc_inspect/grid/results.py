@@ -81,6 +81,8 @@ class GridSummary:
     """Why a file is missing from the results, '' if none is."""
     changes: Changes | None = None
     """Changes since an earlier survey, None without one."""
+    num_withheld: int = 0
+    """Points that count as deleted, and take no part."""
 
 
 def write_grid(
@@ -127,6 +129,7 @@ def write_grid(
         num_defects=run.num_defects,
         sight=_sum_sight(reports, joined),
         notes=tuple(notes),
+        num_withheld=cut.num_withheld,
     )
     inspection = _make_inspection(run, sources, joined, units)
     names = {job.tile.number: job.tile.name for job in jobs}
@@ -287,6 +290,7 @@ def _describe(
         },
         'num_points': cut.num_points,
         'num_not_on_earth': cut.num_lost,
+        'num_withheld': cut.num_withheld,
         'num_tiles': summary.num_tiles,
         'num_lines': len({span.line_id for span in joined.spans}),
         'num_spans': len(joined.spans),

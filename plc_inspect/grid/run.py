@@ -182,6 +182,7 @@ class CutGrid:
     """Numbers of the cells with points that are not stray."""
     num_points: int
     num_lost: int
+    num_withheld: int
     notes: tuple[str, ...]
     """On points that were left out."""
 
@@ -238,6 +239,7 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         moments=np.sum([part['moments'] for part in parts], axis=0),
         num_points=sum(part['num_points'] for part in parts),
         num_lost=sum(part['num_lost'] for part in parts),
+        num_withheld=sum(part['num_withheld'] for part in parts),
         notes=tuple(describe_lost(sources, answers)),
     )
 

@@ -3,6 +3,7 @@
 
 """Attributes of points from an input to the file of a tile, and points near a section; damage."""
 
+import json
 import struct
 
 from grid.formats import write_copc, write_xyz
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
+from plc_inspect.grid.cells import cut
 from plc_inspect.grid.cells.cut import ATTRIBUTES, FLAG_BITS, read_part
 from plc_inspect.grid.cells.pieces import Piece, read_attributes, read_points
 from plc_inspect.grid.cells.sources import read_sources
@@ -203,6 +205,42 @@ def test_tiles_have_the_attributes_of_a_single_survey(point_format, tmp_path):
     assert tile.point_format.id == point_format
     for name in set(las.point_format.dimension_names) - {'classification'}:
         np.testing.assert_array_equal(np.asarray(tile[name]), np.asarray(las[name]), name)
+
+
+def test_withheld_points_take_no_part_and_are_in_the_tiles(tmp_path, monkeypatch):
+    monkeypatch.setattr(cut, 'CHUNK', 5000)
+    points = make_line(1)
+    plain, _ = inspect(tmp_path / 'plain', [write_las(tmp_path / 'plain.las', points)])
+    # a blanket 0.3 m below a conductor
+    noise = points[::7] * [1.0, 1.0, 0.0] + [0.0, 0.0, points[:, 2].min() + 12.0]
+    number = np.arange(0, len(points), 7)
+    las = laspy.read(write_las(tmp_path / 'noisy.las', np.insert(points, number, noise, axis=0)))
+    las.withheld = np.insert(np.zeros(len(points), np.uint8), number, 1)
+    las.write(tmp_path / 'noisy.las')
+    noisy, jobs = inspect(tmp_path / 'noisy', [tmp_path / 'noisy.las'], edge=60.0, tile_edge=60.0)
+    assert len(jobs) > 1
+    assert noisy.num_withheld == len(noise)
+    run = json.loads((tmp_path / 'noisy/run.json').read_text(encoding='utf-8'))
+    assert (run['num_withheld'], run['num_not_on_earth']) == (len(noise), 0)
+    assert len(noisy.joined.spans) == len(plain.joined.spans) == 3
+    assert [item.clearance for item in noisy.joined.hazards] == pytest.approx(
+        [item.clearance for item in plain.joined.hazards], abs=2e-3)
+    names = ('X', 'Y', 'Z', 'intensity', 'withheld')
+    tiles = [laspy.read(path) for path in tmp_path.glob('noisy/tiles/*/points.laz')]
+    table = np.concatenate([
+        np.column_stack([*(tile[name] for name in names), tile.original_classification])
+        for tile in tiles
+    ])
+    expected = np.column_stack([*(las[name] for name in names), las.classification])
+    for own in (table, expected):
+        own[:] = own[np.lexsort(own.T)]
+    np.testing.assert_array_equal(table, expected)
+    for tile in tiles:
+        held = np.asarray(tile.withheld, dtype=bool)
+        np.testing.assert_array_equal(
+            tile.classification[held], tile.original_classification[held])
+        assert (tile.line_id[held] == -1).all()
+        assert np.isnan(tile.clearance[held]).all()
 
 
 @pytest.mark.slow

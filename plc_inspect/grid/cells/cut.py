@@ -28,7 +28,7 @@ from plc_inspect.offline.readers.clouds import (
     scale_grid,
 )
 from plc_inspect.offline.readers.copc import iterate_copc
-from plc_inspect.offline.readers.laz import open_las
+from plc_inspect.offline.readers.laz import open_las, WITHHELD
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64
@@ -43,13 +43,15 @@ ATTRIBUTES = np.dtype([
     ('red', '<u2'), ('green', '<u2'), ('blue', '<u2'), ('nir', '<u2'),
 ])
 """Attributes kept with each point: the fields of LAS point format 8."""
+WITHHELD_PLACES = np.dtype([('row', '<u4'), ('place', '<f8', 3)])
+"""Where withheld points are [m]: they are NaN among the coordinates of their cell."""
 RETURN_BITS = 4
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 
 STATISTICS = (
-    'part', 'num_points', 'num_lost', 'num_far', 'farthest', 'moments', 'strays', 'cells',
-    'sha256',
+    'part', 'num_points', 'num_lost', 'num_far', 'num_withheld', 'farthest', 'moments', 'strays',
+    'cells', 'sha256',
 )
 """What is known of a part; cells of a version that knew less are cut anew."""
 Stats = dict[str, Any]
@@ -171,8 +173,15 @@ def cut_part(
         with publish(Path(room), Path(folder) / name) as aside:
             aside.mkdir()
             for points, attributes in read_part(source, part):
-                stats.add(points, source)
-                _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
+                withheld = attributes['flags'] & np.uint8(WITHHELD)
+                places = points
+                if withheld.any():
+                    places = points.copy()
+                    convert_to_metres(places, *source.units)
+                    points[withheld != 0] = np.nan
+                stats.add(points, source, int(np.count_nonzero(withheld)))
+                index = np.arange(written, written + len(points))
+                _write(aside, points, places, attributes, stats, index)
                 written += len(points)
             if stats.num_outside:
                 raise DataError(
@@ -205,14 +214,15 @@ class _Stats:
         self._stray_counts: np.ndarray | None = None
         self.cells: Counter[int] = Counter()
         """Points in each cell."""
-        self.num_lost, self.num_far, self.num_outside = 0, 0, 0
+        self.num_lost, self.num_far, self.num_outside, self.num_withheld = 0, 0, 0, 0
         self.farthest = 0.0
         """Greatest coordinate of a point too far out [m]."""
 
-    def add(self, points: Float64, source: Source) -> None:
-        """Convert coordinates to metres, set impossible ones to NaN, and count all."""
+    def add(self, points: Float64, source: Source, num_withheld: int) -> None:
+        """Convert to metres, set impossible coordinates to NaN as withheld ones are, and count."""
         not_finite, far, farthest = convert_to_metres(points, *source.units)
-        self.num_lost += not_finite + far
+        self.num_lost += not_finite + far - num_withheld
+        self.num_withheld += num_withheld
         self.num_far += far
         self.farthest = max(self.farthest, farthest)
         self._moments += sum_moments(points, self._reference)
@@ -234,7 +244,8 @@ class _Stats:
                               strict=True))
         return {
             'part': name, 'num_points': num, 'num_lost': self.num_lost,
-            'num_far': self.num_far, 'farthest': self.farthest,
+            'num_far': self.num_far, 'num_withheld': self.num_withheld,
+            'farthest': self.farthest,
             'moments': self._moments.tolist(),
             'strays': strays,
             'cells': {str(cell): num for cell, num in sorted(self.cells.items())},
@@ -242,25 +253,45 @@ class _Stats:
 
 
 def _write(
-    folder: Path, points: Float64, attributes: np.ndarray, stats: _Stats, index: np.ndarray
+    folder: Path, points: Float64, places: Float64, attributes: np.ndarray, stats: _Stats,
+    index: np.ndarray,
 ) -> None:
-    """Append points to the files of their cells."""
-    good = np.isfinite(points[:, 0])
+    """Append points to the files of their cells; places are those of withheld points as well."""
+    has_withheld = places is not points
+    good = np.isfinite(places[:, 0])
     if not good.all():
         points, attributes, index = points[good], attributes[good], index[good]
+        places = places[good] if has_withheld else points
     if not len(points):
         return
-    cell = stats.grid.number(points[:, 0], points[:, 1])
+    cell = stats.grid.number(places[:, 0], places[:, 1])
     order = np.argsort(cell, kind='stable')
     cell, points = np.take(cell, order), np.take(points, order, axis=0)  # points[order] is slow
+    places = np.take(places, order, axis=0) if has_withheld else points
     attributes, index = np.take(attributes, order), np.take(index, order).astype(np.uint32)
     first = np.flatnonzero(np.diff(cell, prepend=-1))
     for begin, end in zip(first.tolist(), [*first[1:].tolist(), len(cell)], strict=True):
         number = int(cell[begin])
+        if has_withheld:
+            _write_withheld(
+                folder / f'{number}.wit', points[begin:end], places[begin:end],
+                stats.cells[number],
+            )
         stats.cells[number] += end - begin
         for suffix, values in (('xyz', points), ('idx', index), ('att', attributes)):
             with (folder / f'{number}.{suffix}').open('ab') as file:
                 file.write(values[begin:end].view(np.uint8).data)
+
+
+def _write_withheld(path: Path, points: Float64, places: Float64, first: int) -> None:
+    """Append the places of withheld points, if any, and their rows in the file of the cell."""
+    rows = np.flatnonzero(np.isnan(points[:, 0]))
+    if not len(rows):
+        return
+    records = np.empty(len(rows), dtype=WITHHELD_PLACES)
+    records['row'], records['place'] = first + rows, places[rows]
+    with path.open('ab') as file:
+        file.write(records.view(np.uint8).data)
 
 
 def read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]:

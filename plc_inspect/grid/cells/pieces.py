@@ -11,7 +11,7 @@ import numpy as np
 
 from plc_inspect.core.numerics.arrays import put_rows
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import ATTRIBUTES
+from plc_inspect.grid.cells.cut import ATTRIBUTES, WITHHELD_PLACES
 from plc_inspect.results import Bool, Float64, Int64
 
 
@@ -111,7 +111,7 @@ def _damaged(folder: Path, piece: Piece) -> DataError:
 
 
 def read_piece(folder: Path, piece: Piece) -> Float64:
-    """Return the (N, 3) points of a piece [m]."""
+    """Return the (N, 3) points of a piece [m]; withheld ones are NaN."""
     flat = _load(folder, piece, 'xyz', np.dtype('<f8'))
     if len(flat) % 3:
         raise _damaged(folder, piece)
@@ -121,13 +121,22 @@ def read_piece(folder: Path, piece: Piece) -> Float64:
 def read_attributes(
     folder: Path, pieces: Sequence[Piece]
 ) -> tuple[Float64, np.ndarray]:
-    """Return coordinates (N, 3) [m] and (N,) ATTRIBUTES of the points, in order of the inputs."""
+    """
+    Return coordinates (N, 3) [m] and (N,) ATTRIBUTES of the points, in order of the inputs.
+
+    Withheld points are where they are, unlike in `read_points`.
+    """
     number, places = _rank(folder, pieces, [None] * len(pieces))
     points, attributes = np.empty((len(number), 3)), np.empty(len(number), dtype=ATTRIBUTES)
     for piece, place in zip(pieces, places, strict=True):
         xyz, own = read_piece(folder, piece), _load(folder, piece, 'att', ATTRIBUTES)
         if not len(place) == len(xyz) == len(own):
             raise _damaged(folder, piece)
+        if (folder / piece.part / f'{piece.cell}.wit').is_file():
+            withheld = _load(folder, piece, 'wit', WITHHELD_PLACES)
+            if withheld['row'].max(initial=0) >= len(xyz):
+                raise _damaged(folder, piece)
+            xyz[withheld['row']] = withheld['place']
         put_rows(points, place, xyz)
         put_rows(_as_bytes(attributes), place, _as_bytes(own))
     return points, attributes

@@ -25,6 +25,7 @@ from plc_inspect.offline.export.points_file import (
     ORIGINAL,
     put_on_grid,
 )
+from plc_inspect.offline.readers.laz import WITHHELD
 from plc_inspect.whole_files import replace_file
 
 
@@ -74,6 +75,8 @@ def write_tile_points(
     )
     with np.load(f'{job.place}.labels.npz') as known:
         labels = {name: known[name] for name in POINT_FIELDS}
+    withheld = (attributes['flags'] & np.uint8(WITHHELD)) != 0
+    labels['classification'][withheld] = attributes['classification'][withheld]
     labels['line_id'], labels['span_id'] = renumber(
         labels['line_id'], labels['span_id'], numbers
     )

@@ -65,6 +65,7 @@ def read_folder(folder: Path) -> Folder:
     import numpy as np
 
     from plc_inspect.config import Settings
+    from plc_inspect.offline.readers.laz import erase_withheld
     from plc_inspect.offline.records.results_reader import (
         parse_units,
         read_points,
@@ -79,6 +80,7 @@ def read_folder(folder: Path) -> Folder:
         mapping = {str(name): dict(item) for name, item in run['settings'].items()}
     settings = update(update(Settings(), mapping), {'hazards.rules': 'plain'})
     las, points = read_points(folder, 'decision')
+    erase_withheld(las.points, points)
     return Folder(
         points=units.to_metres(points),
         classification=np.asarray(las.classification, dtype=np.uint8),

@@ -210,14 +210,19 @@ def tell_dashboard(engine: 'Engine', quiet: bool) -> None:
 
 def render_grid(summary: 'GridSummary') -> str:
     """Return totals and the worst hazards of a grid as text; lengths in units of the input."""
-    from plc_inspect.offline.commands.result_table import format_number, format_table
+    from plc_inspect.offline.commands.result_table import (
+        describe_withheld,
+        format_number,
+        format_table,
+    )
     from plc_inspect.offline.records.inspection import describe_hazard
     from plc_inspect.offline.report.figures import rank
 
     joined, scale, unit = summary.joined, summary.units.horizontal, summary.units.name
     lines = len({span.line_id for span in joined.spans})
     parts = [
-        f'{summary.num_points:,} points in {summary.num_tiles} tiles,'
+        f'{summary.num_points:,} points{describe_withheld(summary.num_withheld)} in'
+        f' {summary.num_tiles} tiles,'
         f' {summary.kilometres:.2f} km of line, {lines} lines, {len(joined.spans)} spans,'
         f' {len(joined.supports)} supports, {len(joined.hazards)} hazards'
     ]

@@ -34,10 +34,11 @@ def render_summary(inspection: Inspection) -> str:
     result, units = inspection.result, inspection.units
     unit = units.name
     ids = {span.span_id for span in result.spans}
+    withheld = describe_withheld(inspection.counts.get('num_withheld', 0))
     parts = [
-        f'{inspection.source}: {result.num_points:,} points, {_plural(result.num_lines, "line")},'
-        f' {_plural(len(ids), "span")}, {_plural(len(result.supports), "support")},'
-        f' {_plural(len(result.hazards), "hazard")}'
+        f'{inspection.source}: {result.num_points:,} points{withheld},'
+        f' {_plural(result.num_lines, "line")}, {_plural(len(ids), "span")},'
+        f' {_plural(len(result.supports), "support")}, {_plural(len(result.hazards), "hazard")}'
     ]
     not_covered = '' if inspection.rules is None else inspection.rules.gaps
     lean = inspection.counts.get('lean', '')
@@ -64,6 +65,11 @@ def render_summary(inspection: Inspection) -> str:
             [_hazard_row(describe_hazard(hazard, units)) for hazard in result.hazards],
         ))
     return '\n\n'.join(parts)
+
+
+def describe_withheld(num: int) -> str:
+    """Say in brackets how many points are withheld, '' if none."""
+    return f' ({num:,} withheld, left out)' if num else ''
 
 
 def _span_row(span: Record, clearance: float | None, scale: float) -> list[str]:

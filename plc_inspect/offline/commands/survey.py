@@ -113,10 +113,11 @@ def survey(
         importlib.import_module(FILES)
     cloud = reading.result()
     num_points = len(cloud.points)
-    num_finite = num_points - cloud.num_not_finite
+    num_finite = num_points - cloud.num_not_finite - cloud.num_withheld
     if num_finite < settings.segment.min_points:
         raise DataError(
-            f'{path} has {num_finite} finite points of {num_points}, fewer than'
+            f'{path} has {num_finite} finite points of {num_points}'
+            f'{f" ({cloud.num_withheld} are withheld)" if cloud.num_withheld else ""}, fewer than'
             f' segment.min_points = {settings.segment.min_points}'
         )
     seconds = {'read': time.perf_counter() - started}
@@ -138,6 +139,7 @@ def survey(
         checksum=checksum.result(),
         counts={
             'num_points': num_points, 'num_not_finite': cloud.num_not_finite,
+            'num_withheld': cloud.num_withheld,
             **({'lean': f'{lean}: check that z is up'} if lean else {}),
         },
         seconds=seconds,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.laz import find_withheld
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import InspectionResult
 
@@ -63,8 +64,8 @@ def write_points(path: Path, inspection: Inspection) -> int:
 
     Points of a LAS file are all written in their order with all their attributes; the class and
     extra dimensions with our names are replaced.  The input's class is kept in another dimension,
-    unless the input already holds an original class.  Coordinates stay on the grid of the input,
-    so they are exact.  Of other inputs, only finite points are written.
+    unless the input already holds an original class; withheld points keep it.  Coordinates stay
+    on the grid of the input, so they are exact.  Of other inputs, only finite points are written.
 
     Parameters
     ----------
@@ -145,6 +146,10 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
             if is_first:
                 record.array[ORIGINAL] = source['classification'][chunk]
             _put_result(record.array, inspection.result, chunk)
+            withheld = find_withheld(record)
+            if withheld is not None:
+                own = source['classification'][chunk]
+                record.array['classification'][withheld] = own[withheld]
             writer.write_points(record)
         dropped = (_COPC, _PROJECTION) if inspection.crs else (_COPC,)
         evlrs = laspy.vlrs.vlrlist.VLRList([

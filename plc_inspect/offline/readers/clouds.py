@@ -17,7 +17,7 @@ from pyproj.exceptions import CRSError
 from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.readers.laz import open_checked
+from plc_inspect.offline.readers.laz import erase_withheld, open_checked
 from plc_inspect.offline.readers.plain_clouds import (
     count_plain_points,
     find_named_crs,
@@ -72,9 +72,10 @@ class Cloud:
     path: Path
     points: Float64
     """(N, 3) coordinates of the file times ``metres_per_unit`` [m]; a point of which any
-    coordinate was not finite, or beyond MOST_COORDINATE, is NaN in all three."""
+    coordinate was not finite, or beyond MOST_COORDINATE, is NaN in all three, as is one with the
+    withheld flag of LAS."""
     num_not_finite: int
-    """Number of NaN points, including those beyond MOST_COORDINATE."""
+    """Number of NaN points that are not withheld, including those beyond MOST_COORDINATE."""
     crs: str
     """Coordinate reference system as WKT, '' if neither file nor user gives one."""
     metres_per_unit: tuple[float, float]
@@ -83,6 +84,8 @@ class Cloud:
     """The laspy.LasData with all attributes, None for other kinds of files."""
     note: str = ''
     """Assumptions about the coordinates, '' if none."""
+    num_withheld: int = 0
+    """Number of points with the withheld flag, which count as deleted."""
 
 
 def read_cloud(
@@ -126,10 +129,11 @@ def read_cloud(
         raise DataError(f'{path} {kind if path.exists() else "does not exist"}')
     given = None if crs is None else parse_crs(crs)
     if is_plain(path):
-        las, points = None, read_points(path)
+        las, points, num_withheld = None, read_points(path), 0
         given = given or find_plain_crs(path)
     else:
         las, points = load_las(path)
+        num_withheld = erase_withheld(las.points, points)
     system, wkt, units = given, '', (1.0, 1.0)
     if system is not None:
         wkt, units = render_wkt(system), measure_units(system, path)
@@ -152,11 +156,12 @@ def read_cloud(
     return Cloud(
         path=path,
         points=points,
-        num_not_finite=num_not_finite + num_far,
+        num_not_finite=num_not_finite + num_far - num_withheld,
         crs=wkt,
         metres_per_unit=units,
         las=las,
         note=note,
+        num_withheld=num_withheld,
     )
 
 

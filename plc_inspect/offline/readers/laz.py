@@ -15,7 +15,7 @@ import numpy as np
 
 from plc_inspect.errors import DataError
 from plc_inspect.printable import make_one_line
-from plc_inspect.results import Float64, UInt8
+from plc_inspect.results import Bool, Float64, UInt8
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
 """
@@ -31,6 +31,10 @@ MOST_RATIO = 1000
 Times the size of a file that its points may take at most.
 Source: judgement: LAZ packs points of real clouds to a tenth, and equal ones to some hundredth.
 """
+WITHHELD = 4
+"""Bit of ``classification_flags`` of points to be treated as deleted (LAS 1.4 R15, table 16)."""
+_OLD_WITHHELD = 128
+"""The same of the byte with flags and class of point formats 0 to 5 (table 8)."""
 ITEMS = 34
 """Offset of the list of a point's items in the LASzip record [bytes]."""
 _PLACE = 8
@@ -89,6 +93,39 @@ def panics_as_errors() -> Iterator[None]:
         if type(error).__name__ != 'PanicException':  # it cannot be imported
             raise
         raise RuntimeError(f'the decoder failed: {error}') from error
+
+
+def find_withheld(points: laspy.PackedPointRecord) -> Bool | None:
+    """
+    Find the points with the withheld flag, which are to be treated as deleted.
+
+    Parameters
+    ----------
+    points : laspy.PackedPointRecord
+        N points of any format.
+
+    Returns
+    -------
+    (N,) bool or None
+        None if there are no such points.
+
+    """
+    array = points.array
+    is_modern = 'classification_flags' in (array.dtype.names or ())
+    name, bit = (
+        ('classification_flags', WITHHELD) if is_modern else ('raw_classification', _OLD_WITHHELD)
+    )
+    flagged = array[name] & np.uint8(bit)
+    return flagged != 0 if flagged.any() else None
+
+
+def erase_withheld(points: laspy.PackedPointRecord, places: Float64) -> int:
+    """Set the places (N, 3) of points with the withheld flag to NaN; return how many these are."""
+    withheld = find_withheld(points)
+    if withheld is None:
+        return 0
+    places[withheld] = np.nan
+    return int(np.count_nonzero(withheld))
 
 
 def read_las(path: Path) -> laspy.LasData:

@@ -18,6 +18,7 @@ from plc_inspect.core.tracking.comparison import (
     find_same_place,
 )
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.laz import find_withheld
 from plc_inspect.offline.records.inspection import (
     describe_hazard,
     Inspection,
@@ -163,6 +164,9 @@ def _read_canopy(folder: Path, units: Units) -> tuple[Float64, Int32]:
     for path in tiles or [folder / POINTS]:
         las, points = read_points(path.parent, 'span_id')
         own = np.asarray(las.classification) == PointClass.VEGETATION
+        withheld = find_withheld(las.points)
+        if withheld is not None:
+            own &= ~withheld
         canopy, span = units.to_metres(points[own]), np.asarray(las['span_id'])[own]
         if tiles:
             _, top = _find_tops(canopy)

@@ -22,8 +22,10 @@ import pytest
 
 from plc_inspect.config import Settings
 from plc_inspect.offline.commands import survey as command
+from plc_inspect.offline.commands.explain import read_folder
 from plc_inspect.offline.commands.survey import main
 from plc_inspect.offline.export.results_folder import FILES
+from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import PointClass
 
 ROOT = Path(__file__).parents[3]
@@ -142,6 +144,30 @@ def test_folder_table_and_report(tmp_path, pipeline, capfd):
     np.testing.assert_allclose(pipeline.given, inspection.points, rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize('point_format', [3, 6])
+def test_withheld_points_take_no_part_and_are_written(tmp_path, pipeline, capfd, point_format):
+    points = np.random.default_rng(1).random((30, 3)) * 10
+    path = write_las(tmp_path / 'cloud.las', points, classes=np.arange(30) % 19)
+    las = laspy.convert(laspy.read(path), point_format_id=point_format)
+    las.withheld = np.arange(30) % 10 == 8
+    las.intensity = np.arange(30)
+    las.write(path)
+    assert run(path, '-o', tmp_path / 'out') == 0
+    np.testing.assert_array_equal(np.isnan(pipeline.given).any(axis=1), las.withheld)
+    assert '30 points (3 withheld, left out), ' in capfd.readouterr().out
+    counts = json.loads((tmp_path / 'out/run.json').read_text(encoding='utf-8'))['input']['counts']
+    assert (counts['num_points'], counts['num_not_finite'], counts['num_withheld']) == (30, 0, 3)
+    out = laspy.read(tmp_path / 'out/points.laz')
+    for name in ('X', 'Y', 'Z', 'intensity', 'withheld'):
+        np.testing.assert_array_equal(np.asarray(out[name]), np.asarray(las[name]), name)
+    held = np.asarray(las.withheld, dtype=bool)
+    np.testing.assert_array_equal(out.classification[held], las.classification[held])
+    assert (np.asarray(out.classification)[~held] == PointClass.GROUND).all()
+    # and of the written file again
+    assert read_cloud(tmp_path / 'out/points.laz').num_withheld == 3
+    assert np.isnan(read_folder(tmp_path / 'out').points[held]).all()
+
+
 def test_quiet_prints_nothing(tmp_path, pipeline, capfd):
     cloud = write_las(tmp_path / 'cloud.las', np.random.default_rng(1).random((20, 3)))
     assert run(cloud, '-o', tmp_path / 'out', '--quiet') == 0
@@ -213,7 +239,9 @@ def test_points_that_are_not_finite_are_counted(tmp_path, pipeline):
     cloud.write_text(header + '\n'.join(rows) + '\n', encoding='ascii')
     assert run(cloud, '-o', tmp_path / 'out') == 0
     content = json.loads((tmp_path / 'out/run.json').read_text(encoding='utf-8'))
-    assert content['input']['counts'] == {'num_points': 14, 'num_not_finite': 2}
+    assert content['input']['counts'] == {
+        'num_points': 14, 'num_not_finite': 2, 'num_withheld': 0,
+    }
     assert content['num_points_written'] == 12
 
 
