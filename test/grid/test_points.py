@@ -207,6 +207,21 @@ def test_tiles_have_the_attributes_of_a_single_survey(point_format, tmp_path):
         np.testing.assert_array_equal(np.asarray(tile[name]), np.asarray(las[name]), name)
 
 
+@pytest.mark.parametrize('software', ['other', 'plc_inspect'])
+def test_original_classes_are_those_of_files_written_here(software, tmp_path):
+    las = laspy.read(write_las(tmp_path / 'a.las', make_line(1)))
+    las.add_extra_dim(laspy.ExtraBytesParams(name=ORIGINAL, type=np.uint8))
+    las[ORIGINAL] = np.full(len(las), 77, dtype=np.uint8)
+    las.header.generating_software = software
+    las.write(tmp_path / 'a.las')
+    ((source,), _) = read_sources([tmp_path / 'a.las'])
+    (_, attributes), = read_part(source, 0)
+    is_own = software == 'plc_inspect'
+    assert (f'extra dimensions {ORIGINAL} of {source.path} are replaced' in source.note) != is_own
+    np.testing.assert_array_equal(
+        attributes['classification'], las[ORIGINAL] if is_own else las.classification)
+
+
 def test_withheld_points_take_no_part_and_are_in_the_tiles(tmp_path, monkeypatch):
     monkeypatch.setattr(cut, 'CHUNK', 5000)
     points = make_line(1)

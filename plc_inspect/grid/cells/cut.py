@@ -327,7 +327,7 @@ def read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]
             return
         if source.is_indexed and num_parts > 1:
             for chunk in iterate_copc(path, part, num_parts):
-                yield _take_points(chunk), _take_attributes(chunk)
+                yield _take_points(chunk), _take_attributes(chunk, source.holds_original)
             return
         with open_las(path) as reader:
             reader.seek(first)
@@ -339,7 +339,7 @@ def read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]
                         f' {source.num_points}'
                     )
                 first += len(chunk)
-                yield _take_points(chunk), _take_attributes(chunk)
+                yield _take_points(chunk), _take_attributes(chunk, source.holds_original)
     except DataError:
         raise
     except OSError as error:
@@ -354,7 +354,9 @@ def _take_points(chunk: laspy.ScaleAwarePointRecord) -> Float64:
     return scale_grid(x, y, z, np.array(chunk.scales), np.array(chunk.offsets))
 
 
-def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
+def _take_attributes(
+    chunk: laspy.ScaleAwarePointRecord, holds_original: bool
+) -> np.ndarray:
     """Return the attributes of points of any format as those of point format 8."""
     result = np.zeros(len(chunk), dtype=ATTRIBUTES)
     names = set(chunk.point_format.dimension_names)
@@ -362,7 +364,7 @@ def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
                  'red', 'green', 'blue', 'nir'):
         if name in names:
             result[name] = chunk[name]
-    if ORIGINAL in names and chunk.array.dtype[ORIGINAL] == np.uint8:  # of an earlier survey
+    if holds_original:  # of an earlier survey
         result['classification'] = chunk.array[ORIGINAL]
     if 'scan_angle' in names:  # formats 6 to 10, whose bytes hold returns and flags as here
         result['scan_angle'] = chunk['scan_angle']

@@ -13,6 +13,7 @@ import numpy as np
 
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import DataError
+from plc_inspect.offline.export.points_file import describe_replaced, holds_original
 from plc_inspect.offline.readers.clouds import (
     choose_units,
     find_las_crs,
@@ -58,7 +59,9 @@ class Source:
     time_type: int | None = None
     """Of its GPS times in LAS: 0 seconds of the week, 1 standard time; None where it has none."""
     note: str = ''
-    """Assumptions about its coordinates, '' if none."""
+    """Assumptions about its coordinates, and what of it is replaced, '' if none."""
+    holds_original: bool = False
+    """It was written here, with the classes of its first input."""
 
     @property
     def state(self) -> str:
@@ -126,6 +129,7 @@ def _read_source(
     known: dict[bytes, tuple[str, tuple[float, float]]],
 ) -> Source:
     stat, is_indexed, point_format, time_type = path.stat(), False, 6, None
+    note, has_original = '', False
     if is_plain(path):
         num, low, high = _measure_plain(path)
         wkt, units = given or _find_plain_system(path)
@@ -145,6 +149,7 @@ def _read_source(
         scale = np.array([units[0], units[0], units[1]])
         low, high = _find_bounds(path, header, scale)
         is_indexed = is_copc(header)
+        note, has_original = describe_replaced(str(path), header), holds_original(header)
         names = set(header.point_format.dimension_names)
         point_format = 8 if 'nir' in names else 7 if 'red' in names else 6
         if 'gps_time' in names:
@@ -154,7 +159,7 @@ def _read_source(
         path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
         crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
         size=stat.st_size, changed=stat.st_mtime_ns, is_indexed=is_indexed,
-        point_format=point_format, time_type=time_type,
+        point_format=point_format, time_type=time_type, note=note, holds_original=has_original,
     )
 
 
@@ -196,7 +201,9 @@ def _question(source: Source, unit: float | None) -> Source:
     return replace(
         source, units=units, low=_triple(np.multiply(source.low, scales)),
         high=_triple(np.multiply(source.high, scales)),
-        note=question_place(source.path, low, high, units, is_said),
+        note='; '.join(filter(None, (
+            question_place(source.path, low, high, units, is_said), source.note,
+        ))),
     )
 
 

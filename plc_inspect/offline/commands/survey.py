@@ -98,6 +98,7 @@ def survey(
     from plc_inspect.core.pipeline import Pipeline
     from plc_inspect.core.setup.plumb import find_lean, measure_leans
     from plc_inspect.offline.commands.request import hash_input
+    from plc_inspect.offline.export.points_file import describe_replaced
     from plc_inspect.offline.records.inspection import Inspection, Units
 
     tell = progress or (lambda step, share: None)
@@ -126,6 +127,7 @@ def survey(
     lean = find_lean(measure_leans(cloud.points, result)).describe()
     seconds['pipeline'] = time.perf_counter() - started
     horizontal, vertical = cloud.metres_per_unit
+    replaced = describe_replaced(path.name, cloud.las.header) if cloud.las is not None else ''
     return Inspection(
         result=result,
         points=cloud.points,
@@ -140,6 +142,7 @@ def survey(
         counts={
             'num_points': num_points, 'num_not_finite': cloud.num_not_finite,
             'num_withheld': cloud.num_withheld,
+            **({'replaced': replaced} if replaced else {}),
             **({'lean': f'{lean}: check that z is up'} if lean else {}),
         },
         seconds=seconds,
@@ -243,7 +246,11 @@ def _run(argv: Sequence[str] | None) -> int:
         from plc_inspect.offline.export.points_file import describe_steps
 
         print(make_printable(render_summary(inspection)))
-        for note in filter(None, (reading.result().note, describe_steps(inspection))):
+        notes = (
+            reading.result().note, inspection.counts.get('replaced', ''),
+            describe_steps(inspection),
+        )
+        for note in filter(None, notes):
             print('\n' + make_one_line(f'note: {note}'))
         print(make_printable(f'\nreport: {arguments.output / "report.html"}'))
     return DONE

@@ -26,6 +26,8 @@ EXTRA_DIMENSIONS = (
 )
 ORIGINAL = 'original_classification'
 """Extra dimension: the class of a point before its first inspection."""
+SOFTWARE = 'plc_inspect'
+"""Generating software in the headers of all LAS files that are written here."""
 _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 """Point formats of LAS 1.4 that replace old ones without loss."""
 _SCAN_ANGLE_STEP = 0.006
@@ -64,8 +66,9 @@ def write_points(path: Path, inspection: Inspection) -> int:
 
     Points of a LAS file are all written in their order with all their attributes; the class and
     extra dimensions with our names are replaced.  The input's class is kept in another dimension,
-    unless the input already holds an original class; withheld points keep it.  Coordinates stay
-    on the grid of the input, so they are exact.  Of other inputs, only finite points are written.
+    unless the input was written here and holds an original class; withheld points keep it.
+    Coordinates stay on the grid of the input, so they are exact.  Of other inputs, only finite
+    points are written.
 
     Parameters
     ----------
@@ -114,6 +117,8 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
         if type(vlr).__name__ != 'ExtraBytesVlr' and vlr.user_id != _COPC
     )
     ours = {name for name, *_ in EXTRA_DIMENSIONS}
+    is_first = not holds_original(las.header)
+    replaced = ours | {ORIGINAL} if is_first else ours
     header.add_extra_dims([
         laspy.ExtraBytesParams(
             name=item.name,
@@ -124,15 +129,14 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
             no_data=item.no_data,
         )
         for item in las.point_format.extra_dimensions
-        if item.name not in ours
+        if item.name not in replaced
     ])
-    is_first = ORIGINAL not in header.point_format.dimension_names
     if is_first:
         header.add_extra_dims([describe_original()])
     finish_header(header, inspection.crs)
     source = las.points.array
     kept = [name for name in header.point_format.dtype().names if name in source.dtype.names]
-    kept = [name for name in kept if name not in ours]
+    kept = [name for name in kept if name not in replaced]
     same = _find_common_head(source.dtype, header.point_format.dtype())
     rest = [name for name in kept if name not in same.names]
     with open_points(path, header) as writer:
@@ -261,6 +265,32 @@ def _modernise(las: laspy.LasData) -> laspy.LasData:
     return modern
 
 
+def holds_original(header: laspy.LasHeader) -> bool:
+    """Tell whether a file was written here, with the classes of its first input."""
+    form = header.point_format
+    return (
+        is_own(header) and ORIGINAL in form.extra_dimension_names
+        and form.dimension_by_name(ORIGINAL).dtype == np.uint8
+    )
+
+
+def is_own(header: laspy.LasHeader) -> bool:
+    """Tell whether a file was written here, by its generating software."""
+    return str(header.generating_software).strip('\0 ') == SOFTWARE
+
+
+def describe_replaced(name: str, header: laspy.LasHeader) -> str:
+    """Say which extra dimensions of a file of other software ours replace, '' if none."""
+    if is_own(header):
+        return ''
+    ours = (*(item for item, *_ in EXTRA_DIMENSIONS), ORIGINAL)
+    held = [item for item in ours if item in header.point_format.extra_dimension_names]
+    return '' if not held else (
+        f'extra dimensions {", ".join(held)} of {name} are replaced in points.laz: rename them to'
+        ' keep them'
+    )
+
+
 def describe_original() -> laspy.ExtraBytesParams:
     """Return the extra dimension for the class of a point in the input."""
     return laspy.ExtraBytesParams(name=ORIGINAL, type=np.uint8, description='class in the input')
@@ -272,7 +302,7 @@ def finish_header(header: laspy.LasHeader, crs: str) -> None:
         laspy.ExtraBytesParams(name=name, type=dtype, description=description)
         for name, dtype, description in EXTRA_DIMENSIONS
     ])
-    header.generating_software = 'plc_inspect'
+    header.generating_software = SOFTWARE
     if crs:
         for name in (
             'WktCoordinateSystemVlr',

@@ -168,6 +168,30 @@ def test_withheld_points_take_no_part_and_are_written(tmp_path, pipeline, capfd,
     assert np.isnan(read_folder(tmp_path / 'out').points[held]).all()
 
 
+@pytest.mark.parametrize('kind', [np.uint8, np.int32])
+def test_dimensions_of_other_software_are_replaced_and_named(tmp_path, pipeline, capfd, kind):
+    points, classes = np.random.default_rng(1).random((30, 3)) * 10, np.arange(30) % 19
+    las = laspy.read(write_las(tmp_path / 'cloud.las', points, classes=classes))
+    for name in ('clearance', 'original_classification', 'mine'):
+        las.add_extra_dim(laspy.ExtraBytesParams(name=name, type=kind))
+        las[name] = np.full(30, 77, dtype=kind)
+    las.write(tmp_path / 'cloud.las')
+    assert run(tmp_path / 'cloud.las', '-o', tmp_path / 'out') == 0
+    text = ('extra dimensions clearance, original_classification of cloud.las are replaced in'
+            ' points.laz: rename them to keep them')
+    assert f'note: {text}\n' in capfd.readouterr().out
+    record = json.loads((tmp_path / 'out/run.json').read_text(encoding='utf-8'))
+    assert record['input']['counts']['replaced'] == text
+    # what is written here is known, and keeps the classes of its first input
+    assert run(tmp_path / 'out/points.laz', '-o', tmp_path / 'again') == 0
+    assert 'replaced' not in capfd.readouterr().out
+    for folder in ('out', 'again'):
+        out = laspy.read(tmp_path / folder / 'points.laz')
+        np.testing.assert_array_equal(out.original_classification, classes)
+        assert (out.mine == 77).all()
+        assert np.isnan(out.clearance).all()
+
+
 def test_quiet_prints_nothing(tmp_path, pipeline, capfd):
     cloud = write_las(tmp_path / 'cloud.las', np.random.default_rng(1).random((20, 3)))
     assert run(cloud, '-o', tmp_path / 'out', '--quiet') == 0
