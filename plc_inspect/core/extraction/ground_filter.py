@@ -221,10 +221,23 @@ def _drop_pits(lowest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def _sort(values, num):  # type: ignore[no-untyped-def]
+    """Sort the first few values, in place; so few are sorted fastest one by one."""
+    for k in range(1, num):
+        value, place = values[k], k
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    return values
+
+
+@njit(cache=True, nogil=True)
 def _clear_pits(lowest, result):  # type: ignore[no-untyped-def]
     """Clear the pits of one round; tell whether there were any."""
     rows, columns = lowest.shape
     middle, found = np.empty((2 * PIT_REACH + 1) ** 2 // 2), False
+    rough = np.empty_like(middle)
     for row in range(PIT_REACH, rows - PIT_REACH):
         for column in range(PIT_REACH, columns - PIT_REACH):
             z = lowest[row, column]
@@ -239,9 +252,12 @@ def _clear_pits(lowest, result):  # type: ignore[no-untyped-def]
                     if (dr > 0 or dc > 0) and not np.isnan(pair):
                         middle[num] = pair
                         num += 1
-            level = np.median(middle[:num]) if num >= PIT_PAIRS else z
-            if (level - z < PIT_DEPTH
-                    or np.median(np.abs(middle[:num] - level)) > PIT_ROUGH):
+            if num < PIT_PAIRS:
+                continue
+            level = _sort(middle, num)[num // 2]
+            for k in range(num):
+                rough[k] = abs(middle[k] - level)
+            if level - z < PIT_DEPTH or _sort(rough, num)[num // 2] > PIT_ROUGH:
                 continue
             company = -1  # the cell itself
             for r in range(row - PIT_REACH, row + PIT_REACH + 1):
