@@ -182,8 +182,8 @@ def _fit_plane(own, reach):  # type: ignore[no-untyped-def]
     """
     Return the height at the origin of the ground below points, and its sigma; NaN if none.
 
-    A crest or hollow is told by all of them.  Elsewhere
-    the lowest points of places all about show the ground below what grows on it.  From the plane
+    Crests are fitted to all points; hollows are not, as their bottom may be flat.  Elsewhere the
+    lowest points of places all about show the ground below what grows on it.  From the plane
     through them, points are taken in from below as long as the plane rises to them.
     """
     kept = np.ones(len(own), dtype=np.bool_)
@@ -244,7 +244,7 @@ def _bend(own, kept, num, a, b, c, spread, error):  # type: ignore[no-untyped-de
             continue
         rise = product / square
         rest = math.sqrt(max(spread * spread * (num - 3) - rise * product, 0.0) / (num - 4))
-        if rest < min(best[1], BENT, SURELY_BENT * spread):
+        if rise < 0.0 and rest < min(best[1], BENT, SURELY_BENT * spread):
             sigma = rest * math.hypot(error / spread, mean / math.sqrt(square))
             best = a - rise * mean, rest, sigma
     return best

@@ -41,7 +41,6 @@ def lay(shape, density, rough=0.02, seed=0):
 SHAPES = {
     'heap': lambda x, y: -0.75 * np.hypot(x, y),
     'dyke': lambda x, y: -0.75 * np.abs(0.6 * x + 0.8 * y) + 0.2 * y,
-    'ditch': lambda x, y: 0.75 * np.abs(x),
     'slope': lambda x, y: 0.75 * x - 0.3 * y,
 }
 
@@ -53,6 +52,19 @@ def test_the_ground_of_a_crest_is_its_crest(shape, density, seed):
     ground, sigma = find_planes(*lay(shape, density, seed=seed), np.zeros((1, 3)))
     assert abs(ground[0]) < 0.13
     assert sigma[0] < 0.06
+
+
+@pytest.mark.parametrize('bottom', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize('aside', [0.0, 0.25])
+@pytest.mark.parametrize('unseen', [0.0, 0.5])
+def test_the_ground_of_a_hollow_is_never_too_low(bottom, aside, unseen):
+    points, height = lay(
+        lambda x, y: 0.75 * np.clip(np.abs(x - aside) - bottom / 2.0, 0.0, 1.0), 20.0
+    )
+    seen = np.abs(points[:, 0] - aside) >= unseen
+    true = 0.75 * max(aside - bottom / 2.0, 0.0)
+    ground, _ = find_planes(points[seen], height[seen], np.array([[0.0, 0.0, true]]))
+    assert not ground[0] < true - 0.05
 
 
 def test_what_grows_on_one_side_bends_no_ground():
