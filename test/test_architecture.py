@@ -19,7 +19,7 @@ LEAST_PLACES = 60
 MOST_LINES, MOST_MODULES, MOST_ARGUMENTS = 400, 16, 7
 LEAST_FUNCTIONS = {
     'core.numerics': 12, 'core.alignment': 30, 'core.setup': 20, 'core.voxel_buffer': 25,
-    'core.mapping': 30, 'core.extraction': 20,
+    'core.mapping': 30, 'core.ground': 15, 'core.extraction': 20,
     'core.clustering': 10, 'core.catenary': 25, 'core.evidence': 12, 'core.spans': 60,
     'core.hazards': 40,
     'core': 20, 'core.loads': 30, 'core.tracking': 40, 'core.coverage': 20, 'core.live': 25,
@@ -39,7 +39,7 @@ SCRIPTS = [*(ROOT.parent / 'bench').rglob('*.py'), *(ROOT.parent / 'test').rglob
 LAYERS = [
     '',
     'core.numerics', 'core.alignment', 'core.setup', 'core.voxel_buffer', 'core.mapping',
-    'core.extraction', 'core.clustering',
+    'core.ground', 'core.extraction', 'core.clustering',
     'core.catenary',
     'core.evidence',
     'core.spans', 'core.hazards', 'core',

@@ -11,8 +11,8 @@ from plc_inspect.config import AlignmentSettings, ClusteringSettings, LinearityS
 from plc_inspect.core.catenary.curve import fit_curve
 from plc_inspect.core.clustering.clustering import cluster
 from plc_inspect.core.extraction.alignment import align
-from plc_inspect.core.extraction.ground_grid import make_grid
 from plc_inspect.core.extraction.linearity import find_candidates
+from plc_inspect.core.ground.ground_grid import make_grid
 from plc_inspect.core.numerics.plan_index import build_plan_index
 
 

@@ -18,8 +18,6 @@ from plc_inspect.core.evidence.endings import cut_ends
 from plc_inspect.core.evidence.judge import SIDE
 from plc_inspect.core.evidence.searches import Searches
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
-from plc_inspect.core.extraction.ground_grid import GroundGrid
-from plc_inspect.core.extraction.ground_surface import measure_surface, Surface
 from plc_inspect.core.extraction.height import extract_high, HeightResult
 from plc_inspect.core.extraction.linearity import (
     anchor,
@@ -30,6 +28,8 @@ from plc_inspect.core.extraction.linearity import (
 )
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
+from plc_inspect.core.ground.ground_grid import GroundGrid
+from plc_inspect.core.ground.ground_surface import measure_surface, Surface
 from plc_inspect.core.spans.adoption import adopt, find_borne
 from plc_inspect.core.spans.crossarms import find_crossarms
 from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points, revise_ground

@@ -13,8 +13,8 @@ from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
 from plc_inspect.core.evidence.roof_rows import are_roof_rows
 from plc_inspect.core.extraction.dust import find_dust, find_lone
-from plc_inspect.core.extraction.ground_surface import Surface
 from plc_inspect.core.extraction.stray_points import leave_out_strays
+from plc_inspect.core.ground.ground_surface import Surface
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.hazards.hazards import (

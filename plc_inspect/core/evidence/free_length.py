@@ -34,7 +34,7 @@ from plc_inspect.core.catenary.curve_row import (
     slope_of,
     TOLERANCE,
 )
-from plc_inspect.core.extraction.ground_grid import GroundGrid, is_seen
+from plc_inspect.core.ground.ground_grid import GroundGrid, is_seen
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Bool, Float64
 

@@ -14,7 +14,7 @@ from plc_inspect.core.catenary.curve_row import COS, HIGH, LOW, ORIGIN_X, ORIGIN
 from plc_inspect.core.catenary.cutting import cut_each
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick, PARALLEL
 from plc_inspect.core.evidence.validation import prove_sag
-from plc_inspect.core.extraction.ground_grid import GroundGrid
+from plc_inspect.core.ground.ground_grid import GroundGrid
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.results import Float64, Int64
 

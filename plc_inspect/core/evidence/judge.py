@@ -40,7 +40,7 @@ from plc_inspect.core.evidence.validation import (
     UNPROVEN,
     UNTIDY,
 )
-from plc_inspect.core.extraction.ground_grid import GroundGrid
+from plc_inspect.core.ground.ground_grid import GroundGrid
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64, Int64

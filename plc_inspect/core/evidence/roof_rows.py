@@ -11,7 +11,7 @@ import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
 from plc_inspect.core.catenary.curve_row import COS, height_of, HIGH, LOW, plan_of, SIN, to_local
-from plc_inspect.core.extraction.ground_grid import GroundGrid, is_seen
+from plc_inspect.core.ground.ground_grid import GroundGrid, is_seen
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
 

@@ -10,8 +10,8 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_grid import GroundGrid
-from plc_inspect.core.extraction.ground_surface import measure_surface, Surface
+from plc_inspect.core.ground.ground_grid import GroundGrid
+from plc_inspect.core.ground.ground_surface import measure_surface, Surface
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.core.ground.ground_surface import bounds
 from plc_inspect.core.numerics.grouping import group_cells
 from plc_inspect.results import Bool, Float64, Int64
 

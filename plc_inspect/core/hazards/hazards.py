@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.extraction.ground_planes import find_planes
 from plc_inspect.core.extraction.surfaces import is_surface, tell_shapes
+from plc_inspect.core.ground.ground_planes import find_planes
 from plc_inspect.core.hazards.clearance_rules import PLAIN, plain_rules, RuleSet
 from plc_inspect.core.hazards.conductor_hazards import find_abnormal_sag, find_interference
 from plc_inspect.core.hazards.crossings import find_crossings

@@ -18,7 +18,7 @@ import numpy as np
 from plc_inspect.core.catenary.curve import Curve, span_table
 from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.evidence.roof_rows import find_roof_rows
-from plc_inspect.core.extraction.ground_grid import GroundGrid
+from plc_inspect.core.ground.ground_grid import GroundGrid
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns, find_straight
 from plc_inspect.core.hazards.wires import (

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.core.extraction.ground_planes import find_planes
+from plc_inspect.core.ground.ground_planes import find_planes
 from plc_inspect.core.hazards.breaches import judge_value
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT

@@ -14,7 +14,7 @@ from plc_inspect.core.alignment.registration import fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.clustering.sharpening import find_dots, sharpen
 from plc_inspect.core.extraction.dust import find_dust
-from plc_inspect.core.extraction.ground_grid import make_unknown
+from plc_inspect.core.ground.ground_grid import make_unknown
 from plc_inspect.core.hazards.clearance_rules import PLAIN
 from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.proximity import measure_proximity

@@ -19,8 +19,8 @@ from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.contacts import is_regular
 from plc_inspect.core.evidence.roof_rows import are_roof_rows
 from plc_inspect.core.evidence.validation import may_be_held, prove_sag
-from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.ground.ground_grid import GroundGrid
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import choose_pairs, meet_ends
 from plc_inspect.core.spans.standing_poles import ARM, BESIDE, StandingPole

@@ -12,9 +12,9 @@ import numpy as np
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.catenary.curve import Curve, span_table
 from plc_inspect.core.catenary.nearest_span import find_near
-from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.ground.ground_surface import measure_surface
 from plc_inspect.results import Bool, Float64
 
 OWN_REACH = 0.5

@@ -12,9 +12,9 @@ import numpy as np
 from plc_inspect.config import CatenarySettings, Settings
 from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import add_up
-from plc_inspect.core.extraction.ground_grid import GroundGrid
 from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.ground.ground_grid import GroundGrid
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.attachments import settle_ends
 from plc_inspect.core.spans.layout import Layout

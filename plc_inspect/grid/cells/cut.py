@@ -14,8 +14,8 @@ import laspy
 import numpy as np
 
 from plc_inspect.core.cloud_frame import sum_moments
-from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.extraction.stray_points import StrayGrid
+from plc_inspect.core.ground.ground_surface import bounds
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.room import publish

@@ -14,8 +14,6 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HeightSettings, Settings
 from plc_inspect.core.cloud_frame import CloudFrame
-from plc_inspect.core.extraction.ground_grid import GroundGrid
-from plc_inspect.core.extraction.ground_surface import bounds, measure_surface, Surface
 from plc_inspect.core.extraction.height import (
     count_heights,
     extract_high,
@@ -24,6 +22,8 @@ from plc_inspect.core.extraction.height import (
 )
 from plc_inspect.core.extraction.linearity import anchor, find_candidates
 from plc_inspect.core.extraction.off_ground import gather_off_ground
+from plc_inspect.core.ground.ground_grid import GroundGrid
+from plc_inspect.core.ground.ground_surface import bounds, measure_surface, Surface
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.results import Float64
 

@@ -11,7 +11,7 @@ from typing import Any
 import laspy
 import numpy as np
 
-from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.core.ground.ground_surface import bounds
 from plc_inspect.grid.cells.pieces import read_attributes
 from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
 from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob

@@ -11,7 +11,7 @@ from lazrs import LazrsError
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.core.ground.ground_surface import bounds
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.laz import find_withheld
 from plc_inspect.offline.records.inspection import Inspection

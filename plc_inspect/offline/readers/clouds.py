@@ -14,7 +14,7 @@ import pyproj
 from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError
 
-from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.core.ground.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.readers.laz import erase_withheld, open_checked

@@ -7,8 +7,8 @@ from scipy.ndimage import distance_transform_edt
 from toys import make_curve, make_ground, make_tree, make_wire, turn
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_surface import bounds, measure_surface
 from plc_inspect.core.extraction.height import extract_high
+from plc_inspect.core.ground.ground_surface import bounds, measure_surface
 from plc_inspect.core.spans.ground_revision import revise_ground
 from plc_inspect.errors import ConfigError
 

@@ -12,8 +12,8 @@ import pytest
 from toys import make_tree
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.extraction.ground_planes import find_planes
 from plc_inspect.core.extraction.surfaces import tell_shapes
+from plc_inspect.core.ground.ground_planes import find_planes
 from plc_inspect.core.hazards.clearance_rules import parse_rules, plain_rules
 from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.extraction.ground_fill import fill_all, fill_near, keep
+from plc_inspect.core.ground.ground_fill import fill_all, fill_near, keep
 from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7

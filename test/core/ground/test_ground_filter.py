@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from plc_inspect.core.extraction.ground_fill import fill_near, WIDER
-from plc_inspect.core.extraction.ground_filter import (
+from plc_inspect.core.ground.ground_fill import fill_near, WIDER
+from plc_inspect.core.ground.ground_filter import (
     _is_areal,
     _limit_sweeps,
     _lower_envelope,
@@ -14,7 +14,7 @@ from plc_inspect.core.extraction.ground_filter import (
     estimate_ground,
     LEAST_RAISED,
 )
-from plc_inspect.core.extraction.ground_grid import FINE
+from plc_inspect.core.ground.ground_grid import FINE
 
 SHAPES = [(1, 1), (1, 5), (6, 1), (7, 8), (15, 16), (16, 33), (40, 31)]
 

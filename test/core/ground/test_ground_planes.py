@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import make_ground
 
-from plc_inspect.core.extraction.ground_planes import find_planes
+from plc_inspect.core.ground.ground_planes import find_planes
 
 
 def test_ground_of_sites_far_apart_is_that_of_each_alone_in_little_memory():

@@ -11,9 +11,9 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_fill import fill, keep, shrink, widen, widen_all
-from plc_inspect.core.extraction.ground_filter import estimate_ground, find_surface, is_low
-from plc_inspect.core.extraction.ground_grid import (
+from plc_inspect.core.ground.ground_fill import fill, keep, shrink, widen, widen_all
+from plc_inspect.core.ground.ground_filter import estimate_ground, find_surface, is_low
+from plc_inspect.core.ground.ground_grid import (
     COLUMNS,
     find_cell,
     FINE,

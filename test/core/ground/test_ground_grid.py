@@ -10,9 +10,9 @@ import pytest
 from toys import make_ground, make_wire, turn
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction import ground_surface
-from plc_inspect.core.extraction.ground_grid import FINE, lay_blocks, SHIFT
-from plc_inspect.core.extraction.ground_surface import measure_surface
+from plc_inspect.core.ground import ground_surface
+from plc_inspect.core.ground.ground_grid import FINE, lay_blocks, SHIFT
+from plc_inspect.core.ground.ground_surface import measure_surface
 
 SETTINGS = HeightSettings()
 SHIFTED = np.array([503.0, 71.0, 0.0])

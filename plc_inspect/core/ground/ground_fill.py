@@ -6,7 +6,7 @@
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.extraction.ground_grid import FINE
+from plc_inspect.core.ground.ground_grid import FINE
 from plc_inspect.results import Bool, Float32
 
 LEVELS = FINE.bit_length() - 1
