@@ -9,6 +9,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.ground.ground_fill import fill_all, fill_near, keep
+from plc_inspect.core.ground.low_returns import drop_pits, drop_strays
 from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7
@@ -40,41 +41,6 @@ SEEN_SLOPE = 0.5
 """
 Part of a cell's edge over which the steepest slope is added to SEEN_BAND.
 Source: judgement; not measured.
-"""
-STRAY_REACH = 8.0
-"""
-Distance within which a lowest point is compared with others [m].
-Source: judgement; not measured.
-"""
-LEAST_STRAY_REACH = 2
-"""Least value of STRAY_REACH in cells.  Source: judgement; not measured."""
-STRAY_DEPTH = 1.0
-"""Least depth of a stray low point below others [m].  Source: judgement; not measured."""
-STRAY_SLOPE = 0.5
-"""
-Growth of STRAY_DEPTH with distance, as a share of the steepest slope.
-Source: judgement; not measured.
-"""
-LEAST_COMPANY = 4
-"""
-Least number of cells nearly as low that show a low point to be no stray.
-Source: judgement; not measured.
-"""
-PIT_REACH = 2
-"""Cells to each side that show whether one lies in a pit.  Source: judgement: 2 m."""
-PIT_PAIRS = 6
-"""Pairs of cells on both sides of one that tell of a pit.  Source: judgement: half of them."""
-PIT_DEPTH, PIT_ROUGH = 0.5, 0.15
-"""
-Depth of a pit at least, and scatter of the pairs about their median at most [m].
-Source: derived: as labels.GROUND_BAND; judgement: lowest points of a meadow scatter by 0.05 m,
-those of a crown by 0.5 m and more.
-"""
-PIT_COMPANY, PIT_ROUNDS = 3, 4
-"""
-Cells about a pit that are as low, or half as low as it is deep, at most; and how often pits are
-looked for, as one may hide behind another.
-Source: derived: a lane of one cell between two roofs has four.
 """
 NUM_SWEEPS = 2
 """
@@ -136,7 +102,7 @@ class LowSurface:
 
 def find_surface(lowest: Float32, cell: float, max_slope: float) -> LowSurface:
     """Find what may be ground among the lowest points of cells; see `estimate_ground`."""
-    surface = _drop_stray_lows(_drop_pits(lowest), cell, max_slope)
+    surface = drop_strays(drop_pits(lowest, cell), cell, max_slope)
     low = _find_seen(surface, cell, max_slope)
     dense = low & _is_areal(low, SURE_SHARE, 1.0)
     sure = dense | low & _join_pairs(low)
@@ -201,111 +167,6 @@ def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-unty
             available = np.float32(wide * (last - first + 1))
             needed = np.float32(share) * max(available, least)
             result[row, column] = np.float32(area[column]) >= needed
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _drop_pits(lowest):  # type: ignore[no-untyped-def]
-    """
-    Clear cells that lie in narrow pits of something smooth: returns from below the ground.
-
-    Two cells on both sides of one, as far from it each, tell its height on any slope.  What is
-    seen through a crown stays, as that is rough, and so does what more cells show.
-    """
-    before, result = lowest, lowest.copy()
-    for _ in range(PIT_ROUNDS):
-        if not _clear_pits(before, result):
-            break
-        before = result.copy()
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _sort(values, num):  # type: ignore[no-untyped-def]
-    """Sort the first few values, in place; so few are sorted fastest one by one."""
-    for k in range(1, num):
-        value, place = values[k], k
-        while place > 0 and values[place - 1] > value:
-            values[place] = values[place - 1]
-            place -= 1
-        values[place] = value
-    return values
-
-
-@njit(cache=True, nogil=True)
-def _clear_pits(lowest, result):  # type: ignore[no-untyped-def]
-    """Clear the pits of one round; tell whether there were any."""
-    rows, columns = lowest.shape
-    middle, found = np.empty((2 * PIT_REACH + 1) ** 2 // 2), False
-    rough = np.empty_like(middle)
-    for row in range(PIT_REACH, rows - PIT_REACH):
-        for column in range(PIT_REACH, columns - PIT_REACH):
-            z = lowest[row, column]
-            beside = lowest[row, column - 1] + lowest[row, column + 1]
-            ahead = lowest[row - 1, column] + lowest[row + 1, column]
-            if not (z < beside / 2 - PIT_DEPTH or z < ahead / 2 - PIT_DEPTH):
-                continue
-            num = 0
-            for dr in range(PIT_REACH + 1):
-                for dc in range(-PIT_REACH, PIT_REACH + 1):
-                    pair = (lowest[row + dr, column + dc] + lowest[row - dr, column - dc]) / 2
-                    if (dr > 0 or dc > 0) and not np.isnan(pair):
-                        middle[num] = pair
-                        num += 1
-            if num < PIT_PAIRS:
-                continue
-            level = _sort(middle, num)[num // 2]
-            for k in range(num):
-                rough[k] = abs(middle[k] - level)
-            if level - z < PIT_DEPTH or _sort(rough, num)[num // 2] > PIT_ROUGH:
-                continue
-            company = -1  # the cell itself
-            for r in range(row - PIT_REACH, row + PIT_REACH + 1):
-                for c in range(column - PIT_REACH, column + PIT_REACH + 1):
-                    company += lowest[r, c] < (z + level) / 2
-            if company <= PIT_COMPANY:
-                result[row, column] = np.nan
-                found = True
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
-    """
-    Clear cells without company as low within STRAY_REACH: multipath returns and noise.
-
-    One beside the cloud, with nothing about it, would hide the ground as far away as it is deep.
-    """
-    reach = max(LEAST_STRAY_REACH, int(np.ceil(STRAY_REACH / cell)))
-    rows, columns = lowest.shape
-    result = lowest.copy()
-    for row in range(rows):
-        for column in range(columns):
-            z = lowest[row, column]
-            if np.isnan(z):
-                continue
-            # count the cells that are about as low
-            supported = 0
-            for dr in range(-reach, reach + 1):
-                r = row + dr
-                if r < 0 or r >= rows:
-                    continue
-                for dc in range(-reach, reach + 1):
-                    c = column + dc
-                    if c < 0 or c >= columns or (dr == 0 and dc == 0):
-                        continue
-                    other = lowest[r, c]
-                    if np.isnan(other):
-                        continue
-                    away = np.sqrt(dr * dr + dc * dc)
-                    if other < z + STRAY_DEPTH + max_slope * cell * away * STRAY_SLOPE:
-                        supported += 1
-                        if supported >= LEAST_COMPANY:
-                            break
-                if supported >= LEAST_COMPANY:
-                    break
-            if supported < LEAST_COMPANY:
-                result[row, column] = np.nan
     return result
 
 

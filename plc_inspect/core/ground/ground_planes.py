@@ -20,7 +20,7 @@ Source: derived: as labels.GROUND_BAND.
 BELOW_SURFACE = 1.0
 """
 Depth below the surface of the lowest from which a return is from below the ground [m].
-Source: derived: twice ground_filter.PIT_DEPTH; the lower side of a crown scatters by 0.5 m.
+Source: derived: twice low_returns.PIT_DEPTH; the lower side of a crown scatters by 0.5 m.
 """
 REACHES = (1.5, 3.0)
 """

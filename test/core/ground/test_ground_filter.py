@@ -218,6 +218,39 @@ def test_the_ground_of_a_lane_between_roofs_is_kept(wide):
     assert found[20:40, 30 : 30 + wide].all()
 
 
+@pytest.mark.parametrize(('wide', 'share'), [(1, 1.0), (2, 0.85)])
+def test_a_lane_that_is_closed_is_kept(wide, share):
+    lowest = np.random.default_rng(3).normal(0.0, 0.03, (60, 60)).astype(np.float32)
+    lane = np.zeros(lowest.shape, dtype=bool)
+    lane[16:44, 30 : 30 + wide] = True
+    lowest[12:48, 12:48][~lane[12:48, 12:48]] += 3.0
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    assert found[lane].mean() >= share
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('share', [0.1, 0.15, 0.25])
+@pytest.mark.parametrize('height', [0.8, 1.5])
+def test_ground_in_gaps_of_a_crop_stays(height, share, seed):
+    rng = np.random.default_rng(seed)
+    lowest = rng.normal(0.0, 0.03, (100, 100)).astype(np.float32)
+    gaps = rng.random(lowest.shape) < share
+    field = np.zeros(lowest.shape, dtype=bool)
+    field[20:80, 20:80] = True
+    lowest[field & ~gaps] += height
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    assert found[field & gaps].mean() > 0.95
+
+
+def test_hollows_as_wide_as_wide_cells_are_ground():
+    row, column = np.mgrid[:60, :60]
+    lowest = np.random.default_rng(5).normal(0.0, 0.03, row.shape).astype(np.float32)
+    hollow = (row % 17 == 8) & (column % 19 == 9)
+    lowest[hollow] -= 1.2
+    _, found = estimate_ground(lowest, 4.0, 1.0)
+    assert found[hollow].all()
+
+
 def test_what_is_seen_through_a_crown_stays():
     rng = np.random.default_rng(4)
     lowest = rng.uniform(4.0, 7.0, (60, 60)).astype(np.float32)
