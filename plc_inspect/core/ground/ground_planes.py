@@ -190,10 +190,10 @@ def _fit_plane(own, reach):  # type: ignore[no-untyped-def]
     num, a, b, c, spread, error = _fit_kept(own, kept)
     if num < LEAST_POINTS or not math.isfinite(a):
         return np.nan, np.nan
-    if spread > BENT:
-        whole, rest, whole_error = _bend(own, kept, num, a, b, c, spread, error)
-        if rest < spread:
-            return whole, whole_error
+    if spread > BENT and num >= LEAST_BENT:
+        crest, crest_error = _fit_crest(own, a, b, c, spread, error)
+        if math.isfinite(crest):
+            return crest, crest_error
     _keep_lowest(own, b, c, reach, kept)
     _, low_a, low_b, low_c, low_spread, _ = _fit_kept(own, kept)
     if math.isfinite(low_a):  # else they are too few, or in a row
@@ -209,45 +209,41 @@ def _fit_plane(own, reach):  # type: ignore[no-untyped-def]
         if num == before:
             break  # as many as in the round before
         before = num
-    if spread > BENT:
-        a, spread, error = _bend(own, kept, num, a, b, c, spread, error)
     return (a, error) if spread <= MOST_SPREAD else (np.nan, np.nan)
 
 
 @njit(cache=True, nogil=True)
-def _bend(own, kept, num, a, b, c, spread, error):  # type: ignore[no-untyped-def]
+def _fit_crest(own, a, b, c, spread, error):  # type: ignore[no-untyped-def]
     """
-    Bend a plane at its foot where that explains the points, as on a crest or in a hollow.
+    Return the height of a crest at the foot and its sigma, NaN where none explains the points.
 
-    Given and returned are its height there, the scatter about it and the sigma of the height.
-    Beside the slopes b and c, the surface falls in proportion to the distance from the foot, or
-    from a line through it.
+    Given are the height of the plane through all points, its slopes, the scatter about it and the
+    sigma of the height.  From the foot, or from a line through it, a crest falls on all sides as
+    a roof does, beside the slopes of the plane.
     """
-    best = a, spread, error
-    if num < LEAST_BENT:
-        return best
+    best, best_rest, sigma = np.nan, min(BENT, SURELY_BENT * spread), np.nan
+    num, kept = len(own), np.ones(len(own), dtype=np.bool_)
     away = own.copy()
     for turn in range(NUM_TURNS + 1):
         angle = math.pi * turn / NUM_TURNS
-        for i in range(len(own)):
+        for i in range(num):
             x, y = own[i, 0], own[i, 1]
             aside = y * math.cos(angle) - x * math.sin(angle)
             away[i, 2] = abs(aside) if turn < NUM_TURNS else math.hypot(x, y)
         _, mean, right, up, _, _ = _fit_kept(away, kept)
         square = product = 0.0
-        for i in range(len(own)):
-            if kept[i]:
-                bend = away[i, 2] - (mean + right * own[i, 0] + up * own[i, 1])
-                square += bend * bend
-                product += bend * (own[i, 2] - (a + b * own[i, 0] + c * own[i, 1]))
+        for i in range(num):
+            bend = away[i, 2] - (mean + right * own[i, 0] + up * own[i, 1])
+            square += bend * bend
+            product += bend * (own[i, 2] - (a + b * own[i, 0] + c * own[i, 1]))
         if square <= 0.0:
             continue
         rise = product / square
         rest = math.sqrt(max(spread * spread * (num - 3) - rise * product, 0.0) / (num - 4))
-        if rise < 0.0 and rest < min(best[1], BENT, SURELY_BENT * spread):
+        if rise < 0.0 and rest < best_rest:
+            best, best_rest = a - rise * mean, rest
             sigma = rest * math.hypot(error / spread, mean / math.sqrt(square))
-            best = a - rise * mean, rest, sigma
-    return best
+    return best, sigma
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,15 @@ from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT
 from plc_inspect.core.hazards.encroachments import describe_hazard
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float32, Float64, HazardKind, Severity, Support
+from plc_inspect.results import (
+    Bool,
+    Float32,
+    Float64,
+    HazardKind,
+    Int64,
+    Severity,
+    Support,
+)
 
 LEAST_GROUND = 0.5
 """
@@ -54,10 +62,20 @@ Places that are this much higher above ground than the lowest of their span are 
 Source: derived: more than a plane differs from the lowest points about it.
 """
 
-FINE_STEP, FINE_REACH = 0.2, 0.8
+FINE = np.array([-0.45, -0.3, -0.15, 0.15, 0.3, 0.45])
 """
-About the lowest place of a span the ground is measured in such steps, so far to both sides [m].
-Source: derived: places are 1 m apart, and on a crest of 37 degrees 0.1 m is 0.08 m.
+Where the ground of a crest is measured about a place on it [m].
+Source: derived: places are 1 m apart, and on a crest of 37 degrees 0.08 m is 0.06 m.
+"""
+CREST, BESIDE = 0.2, 2
+"""
+A place is on a crest where the ground falls by this to both sides [m] within so many places.
+Source: derived: on one that falls less the next place is 0.05 m lower at most.
+"""
+HIGHER = 0.5
+"""
+Places so much higher above ground than the lowest of their span may lie beside a lower one [m].
+Source: derived: half the way to the next place, at STEEPEST.
 """
 
 HANGS = 2.0
@@ -258,27 +276,43 @@ def measure_ground(
             else np.zeros(len(own), dtype=bool) for own, chosen in zip(result, wanted, strict=True)
         ]
     kept = [own[np.isfinite(own[:, 1])] for own in result]
-    fine = [_list_fine(model, own) for model, own in zip(models, kept, strict=True)]
+    crests = [_find_crests(own) for own in kept]
+    fine = [
+        _list_fine(model, own, places)
+        for model, own, places in zip(models, kept, crests, strict=True)
+    ]
     if any(map(len, fine)):
         _find_ground(points, height, models, fine, [np.ones(len(own), bool) for own in fine])
-    for own, more in zip(kept, fine, strict=True):
-        for station in more[np.isfinite(more[:, 1])]:
-            lowest = int(np.argmin(own[:, 1]))
-            own[lowest] = min(own[lowest], station, key=lambda place: place[1])
+    for own, places, more in zip(kept, crests, fine, strict=True):
+        for place, about in zip(places, more.reshape(-1, len(FINE), 3), strict=True):
+            known = np.vstack([own[place], about[np.isfinite(about[:, 1])]])
+            own[place] = known[np.argmin(known[:, 1])]
     return tuple(kept)
 
 
-def _list_fine(model: SpanModel, stations: Float64) -> Float64:
-    """Return (F, 3) more places about the lowest of a span, above ground as high as there."""
+def _find_crests(stations: Float64) -> Int64:
+    """Return which of the (S, 3) places of a span lie on crests, and may be beside its lowest."""
     if not len(stations):
-        return stations
-    along, height, sigma = stations[int(np.argmin(stations[:, 1]))]
-    steps = np.arange(-FINE_REACH, FINE_REACH + FINE_STEP / 2, FINE_STEP)
-    more = along + steps[np.abs(steps) > FINE_STEP / 2]
-    more = more[(more > stations[0, 0]) & (more < stations[-1, 0])]
-    ground = float(model.curve.fit.height(model.at(np.array(along)))) - height
-    heights = model.curve.fit.height(model.at(more)) - ground
-    return np.column_stack([more, heights, np.full(len(more), sigma)])
+        return np.zeros(0, dtype=np.int64)
+    height = stations[:, 1]
+    padded = np.pad(height, BESIDE, constant_values=np.inf)
+    num = len(height)
+    before, after = (
+        np.stack([padded[BESIDE + k * side :][:num] for k in range(1, BESIDE + 1)])
+        for side in (-1, 1)
+    )
+    is_crest = (height <= before[0]) & (height <= after[0])
+    for side in (before, after):
+        is_crest &= np.where(np.isfinite(side), side, -np.inf).max(axis=0) >= height + CREST
+    return np.flatnonzero(is_crest & (height <= height.min() + HIGHER))
+
+
+def _list_fine(model: SpanModel, stations: Float64, places: Int64) -> Float64:
+    """Return (F, 3) more places about some of a span, above ground as high as there."""
+    along = (stations[places, :1] + FINE).ravel()
+    height, sigma = (np.repeat(stations[places, k], len(FINE)) for k in (1, 2))
+    ground = model.curve.fit.height(model.at(np.repeat(stations[places, 0], len(FINE)))) - height
+    return np.column_stack([along, model.curve.fit.height(model.at(along)) - ground, sigma])
 
 
 def _find_ground(

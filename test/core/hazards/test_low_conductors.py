@@ -108,6 +108,31 @@ def test_ground_is_measured_and_not_its_lowest_points(slope):
     np.testing.assert_array_equal(height, kept[1])
 
 
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(('slope', 'more'), [(0.5, 0.1), (0.75, 0.18)])
+@pytest.mark.parametrize('first', [30.0, 49.5])
+def test_the_lowest_of_several_heaps_is_found_between_the_places(first, slope, more, seed):
+    # the first heap is measured at its top, the higher one half a step from it
+    tops = {first: 5.0, 70.5: 5.0 + more}
+    model = make_model(*ENDS, c=CONSTANT)
+    rng = np.random.default_rng(seed)
+    num = 20_000
+    points = np.column_stack(
+        [rng.uniform(-5.0, 105.0, num), rng.uniform(-6.0, 6.0, num), np.zeros(num)])
+
+    def lay(x, y):
+        heaps = [z - slope * np.hypot(x - top, y) for top, z in tops.items()]
+        return np.maximum(np.max(heaps, axis=0), 0.0)
+
+    points[:, 2] = lay(points[:, 0], points[:, 1]) + rng.normal(0.0, 0.02, num)
+    lowest = lay(points[:, 0], points[:, 1]) - 0.5 * slope
+    stations = measure(model, lambda along: lay(along, 0.0 * along) - 0.5 * slope)[:, :2]
+    (found,) = measure_ground(
+        points, (points[:, 2] - lowest).astype(np.float32), [model], [stations], 10.0)
+    true = min(model.curve.fit.height(model.at(np.array(top))) - z for top, z in tops.items())
+    assert found[:, 1].min() == pytest.approx(true, abs=0.08)
+
+
 def test_grass_is_left_out():
     model = make_model(*ENDS, c=CONSTANT)
     points, height, below = make_ground((0.0, 0.0))
