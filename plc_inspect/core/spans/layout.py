@@ -198,6 +198,9 @@ def _drop_amid(
 
     def is_known_before(joint: Joint, number: int, side: int, x: float) -> bool:
         curve = curves[number]
+        end = curve.high if side > 0 else curve.low
+        if (x - end) * side <= settings.min_span / 2 - settings.radius:
+            return False  # no support fits between
         others = [place for own, place in stations if id(joint) not in own]
         known = [
             curve.local_place(station.position) for station in others
@@ -205,7 +208,6 @@ def _drop_amid(
             and station.may_hold(float(joint.position[2]))
         ]
         known += [curve.local_place(pole.position) for pole in poles if pole.holds(curve)]
-        end = curve.high if side > 0 else curve.low
         return any(
             (at - end) * side > -settings.radius and (x - at) * side > settings.min_span / 2
             and abs(y) < settings.width / 2 for at, y in known
