@@ -146,7 +146,7 @@ def read_survey(folder: Path, *, is_running: bool = False) -> Survey:
     with understanding(folder / 'hazards.json'):
         raised = tuple(parse_hazard(row, units) for row in hazards['hazards'])
     limits = Limits()
-    if not is_running:
+    if not is_running and (folder / 'run.json').exists():
         run = read_run(folder)
         with understanding(folder / 'run.json'):
             limits = read_limits(run)

@@ -4,7 +4,7 @@
 """By which limits the hazards of a survey were raised, and what those of another would raise."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,11 @@ BY_POINTS = HazardKind.VEGETATION, HazardKind.STRUCTURE
 """Kinds of hazards that need a number of points."""
 NO_LIMITS = frozenset({'growth'})
 """Settings of section hazards that do not decide what is raised."""
+SURE = 0.95
+"""
+Probability that a hazard breaks a limit, at least, for that to be sure.
+Source: judgement: as the intervals of all figures.
+"""
 _RULES = 'edition', 'limits'
 """What is compared of the rules as they are described."""
 
@@ -64,7 +69,7 @@ def read_limits(run: Record) -> Limits:
 
     Rules are read again by their name, and taken only if they say what they said then.
     """
-    own, described = run['settings']['hazards'], run.get('rules') or {}
+    own, described = dict(run['settings']['hazards']), dict(run.get('rules') or {})
     try:
         settings = HazardSettings(**own)
         rules: RuleSet | None = load_rules(settings)
@@ -145,11 +150,9 @@ def would_raise(hazard: Hazard, own: Limits, other: Limits) -> bool:
     first, second = own.settings, other.settings
     least = second.get('min_confidence', 1.0)
     if hazard.kind in FEATURES:
-        if hazard.kind in BY_POINTS and hazard.num_points < second.get('min_points', np.inf):
-            return False
-        return other.rules is not None and any(
-            _breaks(hazard, limit) and _judge(hazard, limit) >= least
-            for limit in other.rules.find(FEATURES[hazard.kind])
+        return _are_as_strict(hazard.kind, own, other) or any(
+            _surely_breaks(hazard, limit, own, second) and _judge(hazard, limit) >= least
+            for limit in _find_limits(other, hazard.kind)
         )
     if least > first.get('min_confidence', 0.0) and hazard.confidence < least:
         return False
@@ -162,14 +165,39 @@ def would_raise(hazard: Hazard, own: Limits, other: Limits) -> bool:
     return True
 
 
-def _breaks(hazard: Hazard, limit: Limit) -> bool:
-    """Tell whether a hazard is within the reach of a limit, as `find_breaches`."""
+def _find_limits(limits: Limits, kind: HazardKind) -> tuple[Limit, ...]:
+    """Return the limits that hazards of a kind break, none where they are not known any more."""
+    return limits.rules.find(FEATURES[kind]) if limits.rules is not None else ()
+
+
+def _are_as_strict(kind: HazardKind, own: Limits, other: Limits) -> bool:
+    """Tell whether other limits raise all hazards of a kind that one's own do."""
+    known = _find_limits(other, kind)
+    limits = _find_limits(own, kind)
+    return bool(limits) and all(limit in known for limit in limits) and all(
+        other.settings.get(name, np.inf) <= own.settings.get(name, -np.inf)
+        for name in ('min_points', 'min_confidence')
+    )
+
+
+def _surely_breaks(
+    hazard: Hazard, limit: Limit, own: Limits, settings: Mapping[str, Any]
+) -> bool:
+    """Tell whether a hazard surely breaks a limit of others, with as many points as these need."""
     measured = {
         'distance': hazard.clearance, 'horizontal': hazard.horizontal,
         'vertical': abs(hazard.vertical),
     }[limit.measure]
     under = bool(are_under(np.array(hazard.horizontal), np.array(hazard.vertical)))
-    return measured < limit.reach and limit.where in ('any', 'under' if under else 'beside')
+    is_within = measured < limit.reach and limit.where in ('any', 'under' if under else 'beside')
+    if not is_within or _judge(replace(hazard, note=''), limit) < SURE:
+        return False
+    needed = settings.get('min_points', np.inf) if hazard.kind in BY_POINTS else 1
+    if needed <= 1:
+        return True
+    # points were counted within the reach of one's own limits
+    reach = max((item.radius for item in _find_limits(own, hazard.kind)), default=np.inf)
+    return bool(hazard.num_points >= needed and limit.radius >= reach)
 
 
 def _judge(hazard: Hazard, limit: Limit) -> float:

@@ -174,13 +174,41 @@ def test_other_limits_clear_no_hazard(folders, tmp_path, capsys):
 
 
 def test_what_both_limits_raise_is_new_or_cleared(folders, tmp_path):
-    # nothing is there, though 3 m would have raised it
-    write_with_limits(tmp_path / 'clear', 3.0, 2.0, ())
+    # nothing is there, though 5 m would have raised it
+    write_with_limits(tmp_path / 'clear', 5.0, 2.0, ())
     record = compare(folders / 'first', tmp_path / 'clear', tmp_path / 'changes.json')
     assert [item['hazard_id'] for item in record['cleared_hazards']] == [0]
     assert (record['unjudged_hazards_before'], len(record['limits'])) == ([], 1)
     record = compare(tmp_path / 'clear', folders / 'first', tmp_path / 'changes.json')
     assert (record['new_hazards'], record['unjudged_hazards']) == ([0], [])
+
+
+def test_points_may_lie_beyond_a_limit_that_reaches_less_far(folders, tmp_path):
+    write_with_limits(tmp_path / 'near', 3.0, 2.0, ())
+    record = compare(folders / 'first', tmp_path / 'near', tmp_path / 'changes.json')
+    assert record['cleared_hazards'] == []
+    assert len(record['unjudged_hazards_before']) == 1
+
+
+def test_a_folder_without_its_run_tells_no_limits(folders, tmp_path):
+    shutil.copytree(folders / 'first', tmp_path / 'old')
+    (tmp_path / 'old/run.json').unlink()
+    record = compare(tmp_path / 'old', folders / 'second', tmp_path / 'changes.json')
+    assert (record['limits'], len(record['kept_hazards'])) == ([], 1)
+
+
+@pytest.mark.parametrize('change', [
+    {'settings': {'hazards': 4}}, {'settings': []}, {'rules': 'plain'}, {'settings': {}},
+])
+def test_a_run_that_is_not_understood_is_one_line(folders, tmp_path, capsys, change):
+    shutil.copytree(folders / 'first', tmp_path / 'odd')
+    path = tmp_path / 'odd/run.json'
+    path.write_text(json.dumps(
+        {**json.loads(path.read_text(encoding='utf-8')), **change}), encoding='utf-8')
+    assert main([str(tmp_path / 'odd'), str(folders / 'second')]) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert 'run.json is not understood' in error
 
 
 def test_a_part_of_a_wider_hazard_is_not_new(folders, tmp_path):

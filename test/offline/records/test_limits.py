@@ -22,7 +22,10 @@ OWN = HazardSettings()
 
 @pytest.mark.parametrize(('kind', 'changes', 'expected'), [
     ('vegetation', {}, True),
-    ('vegetation', {'warning_distance': 1.1, 'critical_distance': 1.0}, True),
+    ('vegetation', {'warning_distance': 1.1, 'critical_distance': 1.0}, False),
+    ('vegetation', {'warning_distance': 1.1, 'critical_distance': 1.0, 'min_points': 1}, True),
+    ('vegetation', {'warning_distance': 1.01, 'critical_distance': 1.0, 'min_points': 1}, False),
+    ('vegetation', {'warning_distance': 5.0}, True),
     ('vegetation', {'warning_distance': 1.0, 'critical_distance': 1.0}, False),
     ('vegetation', {'min_points': 6}, False),
     ('ground', {'ground_distance': 0.9}, False),
