@@ -74,7 +74,6 @@ def test_distances_are_those_to_a_dense_sample_of_the_curves(yaw, shift):
     assert (np.diff(found) > 0).all()
 
 
-@pytest.mark.slow
 def test_distances_depend_neither_on_order_nor_on_company():
     rng = np.random.default_rng(4)
     curves = make_curves(0.3)

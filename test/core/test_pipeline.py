@@ -227,7 +227,6 @@ def test_a_wrong_shape_raises(shape):
         Pipeline().run(np.zeros(shape))
 
 
-@pytest.mark.slow
 def test_an_extent_beyond_the_voxels_raises(cloud):
     far = cloud[0] + np.array([3e6, 0.0, 0.0])  # as many points: no strays
     with pytest.raises(DataError, match='m, too much for voxels of'):

@@ -31,7 +31,6 @@ def make_plate(num=4000, seed=0):
     return np.random.default_rng(seed).uniform((0, 0, 10), (12, 12, 10.02), (num, 3))
 
 
-@pytest.mark.slow
 @given(arrays(np.int64, (3, 3), elements=st.integers(-999, 999)))
 @settings(max_examples=300, deadline=None)
 def test_principal_axis_is_that_of_eigh(root):

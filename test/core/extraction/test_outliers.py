@@ -57,7 +57,6 @@ def test_duplicates_are_kept_and_the_limit_is_inclusive():
     assert result.threshold == 0.0
 
 
-@pytest.mark.slow
 def test_order_translation_and_yaw_do_not_matter():
     rng = np.random.default_rng(1)
     positions = np.vstack([rng.normal(size=(200, 3)), rng.uniform(-60, 60, (6, 3))])

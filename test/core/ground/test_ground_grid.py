@@ -84,7 +84,6 @@ def test_two_sites_far_apart_keep_theirs():
     assert not surface.ground.tell_seen(between).any()
 
 
-@pytest.mark.slow
 def test_cells_grow_where_bounds_or_area_are_too_wide(monkeypatch):
     site = make_ground((0.0, 0.0), (150.0, 150.0))
     apart = measure_surface(np.vstack([site, site + np.array([3e6, 2e6, 0.0])]), SETTINGS)

@@ -77,7 +77,6 @@ def test_points_without_pose_are_nan_and_say_why():
     assert not result.complete
 
 
-@pytest.mark.slow
 def test_empty_scan():
     result = deskew(
         np.empty((0, 3), np.float32), np.empty(0, np.int64), PoseBuffer(InputSettings()), np.eye(4)
@@ -86,7 +85,6 @@ def test_empty_scan():
     assert result.complete
 
 
-@pytest.mark.slow
 def test_input_is_unchanged():
     poses = make_poses([0, 100 * MS], np.ones((2, 3)), [UPRIGHT] * 2)
     xyz, stamps, mount = np.ones((4, 3), np.float32), np.arange(4), np.eye(4)
