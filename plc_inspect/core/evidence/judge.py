@@ -126,7 +126,7 @@ class Judge:
         self._sweep(np.flatnonzero((objections != CROWDED) & (objections != '')), beside=False)
         self._try(proven, beside=False)
         self._sweep_thick()
-        self._untie()
+        self.untie()
         self._unstay()
         self._unhold()
         if not beside:
@@ -135,7 +135,7 @@ class Judge:
         if self._try_groups():
             self._sweep_beside()
         self._unhold()
-        self._untie()
+        self.untie()
 
     @property
     def believed(self) -> list[Curve]:
@@ -159,8 +159,8 @@ class Judge:
         Judge other curves with those that are believed; return those that are conductors.
 
         What was believed without a proven sag is so no more where it proves to be part of
-        something built with them; nor is a stay.  With ``beside`` False, that they run beside one
-        is no evidence.  Points that are to be ``spared`` clutter none of them.
+        something built with them; nor is what is tied to them, or a stay.  With ``beside`` False,
+        that they run beside one is no evidence.  Points that are ``spared`` clutter none of them.
         """
         known = np.flatnonzero([not verdict.objection for verdict in self.verdicts]).tolist()
         trial = Judge(
@@ -172,7 +172,8 @@ class Judge:
         trial._beams = self._beams
         trial.decide(beside=beside)
         for number, verdict in zip(known, trial.verdicts, strict=False):
-            if verdict.objection == STAY or prove_sag(self.curves[number], self._settings) < 1.0:
+            is_proven = prove_sag(self.curves[number], self._settings) == 1.0
+            if verdict.objection in (STAY, TIED) or not is_proven:
                 self.verdicts[number] = verdict
         return [
             item for item in zip(curves, trial.verdicts[len(known):], strict=True)
@@ -213,29 +214,27 @@ class Judge:
     def _pairs(self) -> Iterator[tuple[Curve, Verdict]]:
         return zip(self.curves, self.verdicts, strict=True)
 
-    def _untie(self) -> None:
+    def untie(self) -> None:
         """
         Take back what is tied together along its whole length: chords of a truss, rails, racks.
 
         Conductors that hang side by side have air between them.  What is tied to something that
         was taken back, or to a bar that is none of the bracing, is so too.
         """
-        known = np.flatnonzero([
-            verdict.objection in ('', *BUILT) or (
-                verdict.objection in (CROWDED, UNPROVEN) and not is_thick(curve)
-                and verdict.profile.crowding <= self._settings.max_crowding
-            ) for curve, verdict in self._pairs()
-        ])
+        objection = np.array([verdict.objection for verdict in self.verdicts], dtype=object)
+        known = np.flatnonzero(np.isin(objection, ['', CROWDED, UNPROVEN, UNTIDY, *BUILT]))
+        sure = np.isin(objection, ['', *BUILT])
         own = np.zeros(len(self._points), dtype=bool)  # curves not believed may be the bracing
-        for number in known.tolist():
-            if self.verdicts[number].objection in ('', *BUILT):
-                own[self.verdicts[number].profile.chosen] = True
-        tied = find_tied(
-            self._points, self._index, [self.curves[number] for number in known.tolist()], own
-        )
-        for number in known[tied].tolist():
-            if not self.verdicts[number].objection:
-                self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
+        for number in np.flatnonzero(sure).tolist():
+            own[self.verdicts[number].profile.chosen] = True
+        for number in np.flatnonzero(np.isin(objection, [CROWDED, UNPROVEN])).tolist():
+            crowding = self.verdicts[number].profile.crowding
+            sure[number] = crowding <= self._settings.max_crowding
+            sure[number] &= not is_thick(self.curves[number])
+        asked, curves = (objection == '')[known], [self.curves[k] for k in known.tolist()]
+        tied = find_tied(self._points, self._index, curves, own, asked, sure[known])
+        for number in known[tied & asked].tolist():
+            self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _unstay(self) -> None:
         """Take back what is of a beam, fans out, or is steep and straight."""

@@ -15,17 +15,19 @@ from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
     HIGH,
+    LATERAL_RMSE,
     LOW,
     open_row,
     ORIGIN_X,
     ORIGIN_Y,
+    RMSE,
     see_above,
     see_beside,
     SIN,
     to_local,
     TOLERANCE,
 )
-from plc_inspect.core.catenary.duplicates import PARALLEL
+from plc_inspect.core.catenary.duplicates import PARALLEL, THICK
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64
@@ -46,21 +48,62 @@ found between them, 0.11 at most.
 """
 TIE_PARTS = 6
 """Parts of the way from curve to curve, less TIE_MARGIN at both ends.  Source: judgement."""
+TIE_EVEN = 0.2
+"""
+Points in the emptiest of these parts, by their median, at least.
+Source: measured: 0.2 and more in bracing and sheets of random scenes 421000 to 421023 and real
+clouds; where other wires of a fan lie between two 0.15.
+"""
 TIE_WIDTH = 0.15
 """
 Distance from the plane through two curves of what ties them [m].
 Source: judgement; not measured.
+"""
+TIE_COMMON = 0.5
+"""Share of a curve that what may be part of a crown runs beside, at least.  Source: judgement."""
+TIE_AIR, TIE_FLAT = 0.85, 0.2
+"""
+What lies flat between two curves has fewer points than this share of its own on one side of it,
+this far away [m].
+Source: measured: bracing of a jib 0.01 at most, in a crown beside a conductor 1.35.
 """
 TIE_MARGIN = 0.2
 """
 At this share of the way from one curve to the other, and on, points lie between them.
 Source: judgement; not measured.
 """
+SHEET_APART = 0.8
+"""
+Greatest distance of two curves that may lie on one surface [m].
+Source: judgement: pipes, trays and beams are 0.3 to 1 m wide.
+"""
+SHEET_BIN, SHEET_BINS = 0.05, 3
+"""
+Width of the bins in which points of a surface are counted across it [m], and how many are taken
+together.
+Source: derived: conductors 0.2 m apart leave one empty.
+"""
+SHEET_FILLED = 0.5
+"""
+Density on a surface, by its mean between two curves, at least.
+Source: measured: on a pipe, a beam and a net of two real clouds 0.6 at least, between conductors
+0.3 at most (22 real clouds, random scenes 420000 to 420023).
+"""
+SHEET_WIDTH = 0.6
+"""
+Width of a surface that two curves lie on, at least [m].
+Source: derived: a conductor that drift doubled by 0.3 m is 0.5 m wide.
+"""
+SHEET_POINTS = 20
+"""Points between two curves that tell of a surface, at least.  Source: judgement."""
 
 
-def find_tied(points: Float64, index: PlanIndex, curves: Sequence[Curve], own: Bool) -> Bool:
+def find_tied(
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], own: Bool,
+    asked: Bool | None = None, sure: Bool | None = None,
+) -> Bool:
     """
-    Tell which curves are tied to another one along their whole length.
+    Tell which curves are tied to another one along their whole length, or lie on one surface.
 
     Parameters
     ----------
@@ -72,19 +115,28 @@ def find_tied(points: Float64, index: PlanIndex, curves: Sequence[Curve], own: B
         What may be tied.
     own : (N,) bool
         Points of curves, which tie nothing.
+    asked : (C,) bool or None
+        Curves that are asked of; None for all.
+    sure : (C,) bool or None
+        Thin lines, None for all; what is none may be part of a crown, and ties another one only
+        along most of it, and by what lies flat between both.
 
     Returns
     -------
     (C,) bool
-        Curves with another one beside them and points all the way between.
+        Curves with another one beside them and points all the way between, or as many there as
+        on both and beyond.
 
     """
     tied = np.zeros(len(curves), dtype=bool)
     if len(curves) < 2:
         return tied
+    every = np.ones(len(curves), dtype=bool)
+    asked, sure = every if asked is None else asked, every if sure is None else sure
     rows, near = pack_curves(curves), find_near(curves, TIE)
     for number, others in enumerate(call_each(
-        lambda k: _find_tied(points, index.grid, rows, k, near.of(k), own), len(curves)
+        lambda k: _find_tied(points, index.grid, rows, k, near.of(k), own, asked, sure),
+        len(curves),
     )):
         tied[others] = True
         tied[number] |= len(others) > 0
@@ -92,28 +144,47 @@ def find_tied(points: Float64, index: PlanIndex, curves: Sequence[Curve], own: B
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_tied(points, grid, rows, number, near, own):  # type: ignore[no-untyped-def]
+def _find_tied(  # type: ignore[no-untyped-def]
+    points, grid, rows, number, near, own, asked, sure
+):
     """Return those of the rows near one, by its number, that come before it and are tied to it."""
     tied = np.zeros(len(near), dtype=np.bool_)
     row = rows[number]
-    between = np.empty((0, 3))
+    between = around = np.empty((0, 3))
     for place in range(len(near)):
         k = near[place]
         if k >= number:
             break
+        if not (asked[number] or asked[k]):
+            continue
         if abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
             continue
-        if len(between) == 0:
-            between = _list_beside(points, grid, row, own)
-            if len(between) == 0:
+        if len(around) == 0:
+            around, is_own = _list_beside(points, grid, row, own)
+            if len(around) == 0:
                 break
-        tied[place] = _measure_tie(between, row, rows[k]) >= TIE_SHARE
+            between = around[~is_own]
+        y, up, common = _place_other(row, rows[k])
+        if common < LEAST_COMMON:
+            continue
+        if sure[number] and sure[k]:
+            tied[place] = (
+                _measure_tie(between, row, rows[k], y, up) >= TIE_SHARE
+                or _lie_on_one(around, row, rows[k], y, up)
+            )
+        else:
+            one = row if asked[number] else rows[k]
+            tied[place] = (
+                common >= TIE_COMMON * (one[HIGH] - one[LOW])
+                and _measure_tie(between, row, rows[k], y, up) >= TIE_SHARE
+                and _is_flat(between, row, y, up)
+            )
     return near[tied]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _list_beside(points, grid, row, own):  # type: ignore[no-untyped-def]
-    """Places within TIE of a row's curve, along, across and above it, that are on none [m]."""
+    """Places within TIE of a row's curve, along, across and above it [m]; which are of curves."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
@@ -121,28 +192,25 @@ def _list_beside(points, grid, row, own):  # type: ignore[no-untyped-def]
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
         row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, TIE,
     )
-    result = np.empty((len(near), 3))
+    result, is_own = np.empty((len(near), 3)), np.empty(len(near), dtype=np.bool_)
     opened, count = open_row(row), 0
     for i in near:
-        if own[i]:
-            continue
         x, y = see_beside(opened, points[i, 0], points[i, 1])
         if x < low or x >= high or abs(y) > TIE:
             continue
         above, _ = see_above(opened, x, points[i, 2])
         if abs(above) <= TIE:
             result[count, 0], result[count, 1], result[count, 2] = x, y, above
+            is_own[count] = own[i]
             count += 1
-    return result[:count]
+    return result[:count], is_own[:count]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _measure_tie(between, row, other):  # type: ignore[no-untyped-def]
-    """Share of the metres common to two rows' curves with points in each part between them."""
+def _place_other(row, other):  # type: ignore[no-untyped-def]
+    """Place another row's curve beside and above a row's, metre by metre [m], and count these."""
     low, high = row[LOW], row[HIGH]
     num = max(int(high - low), 1)
-
-    # where the other curve is, metre by metre
     y, up = np.full(num, np.nan), np.empty(num)
     for place in range(num):
         x = low + (place + 0.5) * (high - low) / num
@@ -152,27 +220,110 @@ def _measure_tie(between, row, other):  # type: ignore[no-untyped-def]
             continue
         side = -off if math.cos(row[AZIMUTH] - other[AZIMUTH]) > 0.0 else off
         rise = height_of(other, at) - height_of(row, x)
-        apart = math.hypot(side, rise)
-        if row[TOLERANCE] + other[TOLERANCE] < apart <= TIE:
+        if 0.0 < math.hypot(side, rise) <= TIE:
             y[place], up[place] = side, rise
-    common = num - np.isnan(y).sum()
-    if common < LEAST_COMMON:
-        return 0.0
+    return y, up, num - np.isnan(y).sum()
 
-    # and which parts of the way to it hold points
-    filled = np.zeros((num, TIE_PARTS), dtype=np.bool_)
-    for k in range(len(between)):
-        place = min(int((between[k, 0] - low) / (high - low) * num), num - 1)
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _see_between(beside, row, y, up):  # type: ignore[no-untyped-def]
+    """
+    Where places lie on the way from a row's curve to another one.
+
+    Returned are the metre of each, its share of the way, NaN where there is none, and how far it
+    lies off the plane through both [m].
+    """
+    low, high, num = row[LOW], row[HIGH], len(beside)
+    metre, along, across = np.zeros(num, dtype=np.int64), np.full(num, np.nan), np.zeros(num)
+    for k in range(num):
+        place = min(int((beside[k, 0] - low) / (high - low) * len(y)), len(y) - 1)
         if np.isnan(y[place]):
             continue
-        apart = math.hypot(y[place], up[place])
-        along = (between[k, 1] * y[place] + between[k, 2] * up[place]) / apart**2
-        across = (between[k, 1] * up[place] - between[k, 2] * y[place]) / apart
-        if abs(across) <= TIE_WIDTH and TIE_MARGIN < along < 1.0 - TIE_MARGIN:
-            part = int((along - TIE_MARGIN) / (1.0 - 2.0 * TIE_MARGIN) * TIE_PARTS)
-            filled[place, min(part, TIE_PARTS - 1)] = True
+        metre[k], apart = place, math.hypot(y[place], up[place])
+        across[k] = (beside[k, 1] * up[place] - beside[k, 2] * y[place]) / apart
+        along[k] = (beside[k, 1] * y[place] + beside[k, 2] * up[place]) / apart**2
+    return metre, along, across
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure_tie(between, row, other, y, up):  # type: ignore[no-untyped-def]
+    """Share of the metres common to two rows' curves with points in each part between them."""
+    apart = np.hypot(y, up)
+    is_apart = apart > row[TOLERANCE] + other[TOLERANCE]
+    common = is_apart.sum()  # not where one of them is NaN
+    if common < LEAST_COMMON:
+        return 0.0
+    filled, count = np.zeros((len(y), TIE_PARTS), dtype=np.bool_), np.zeros(TIE_PARTS)
+    metre, along, across = _see_between(between, row, y, up)
+    for k in range(len(between)):
+        if not is_apart[metre[k]] or abs(across[k]) > TIE_WIDTH:
+            continue
+        # outside of both
+        first = max(TIE_MARGIN, row[TOLERANCE] / apart[metre[k]])
+        room = 1.0 - max(TIE_MARGIN, other[TOLERANCE] / apart[metre[k]]) - first
+        if room > 0.0 and 0.0 < along[k] - first < room:
+            part = min(int((along[k] - first) / room * TIE_PARTS), TIE_PARTS - 1)
+            filled[metre[k], part] = True
+            count[part] += 1.0
+    if count.min() < TIE_EVEN * np.median(count):
+        return 0.0  # other lines beside, with air between
     # the emptiest part tells: what is tied is tied all the way
-    least = num
+    least = len(y)
     for part in range(TIE_PARTS):
         least = min(least, filled[:, part].sum())
     return least / common
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _is_flat(between, row, y, up):  # type: ignore[no-untyped-def]
+    """Tell whether what lies between a row's curve and another one has air on one side of it."""
+    inside = left = right = 0
+    _, along, across = _see_between(between, row, y, up)
+    for k in range(len(between)):
+        if TIE_MARGIN < along[k] < 1.0 - TIE_MARGIN:
+            if abs(across[k]) <= TIE_WIDTH:
+                inside += 1
+            elif abs(across[k]) <= TIE_AIR and across[k] > 0.0:
+                left += 1
+            elif abs(across[k]) <= TIE_AIR:
+                right += 1
+    return min(left, right) <= TIE_FLAT * inside
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _lie_on_one(around, row, other, y, up):  # type: ignore[no-untyped-def]
+    """Tell whether a row's curve and another one lie on one surface, evenly covered by points."""
+    if max(row[RMSE], row[LATERAL_RMSE], other[RMSE], other[LATERAL_RMSE]) > THICK:
+        return False  # blurred by so much, conductors beside each other leave no gap
+    apart = np.hypot(y, up)
+    is_apart = apart >= np.median(apart[~np.isnan(apart)])  # wires of a fan meet at their pole
+    middle = np.median(apart[is_apart])
+    if middle > SHEET_APART:
+        return False
+    num = math.ceil((middle + 2.0 * SHEET_WIDTH) / SHEET_BIN)
+    count = np.zeros(num)
+    metre, along, across = _see_between(around, row, y, up)
+    for k in range(len(around)):
+        if not is_apart[metre[k]] or abs(across[k]) > TIE_WIDTH:
+            continue
+        place = (along[k] * middle + SHEET_WIDTH) / SHEET_BIN  # others of a fan stay in one place
+        if 0.0 <= place < num:
+            count[int(place)] += 1.0
+    first, last = int(SHEET_WIDTH / SHEET_BIN), int((SHEET_WIDTH + middle) / SHEET_BIN)
+    inner = count[first : last + 1]
+    if inner.sum() < SHEET_POINTS:
+        return False
+    # as far as it is covered evenly on both sides
+    least = SHEET_FILLED * SHEET_BINS * inner.mean()
+    width = 0
+    for place in range(SHEET_BINS - 1, num):
+        is_filled = count[place - SHEET_BINS + 1 : place + 1].sum() >= least
+        if is_filled:
+            width += 1
+        elif place - SHEET_BINS + 1 > last:
+            break
+        elif place >= first:
+            return False  # a gap between both
+        else:
+            width = 0
+    return (width + SHEET_BINS - 1) * SHEET_BIN >= SHEET_WIDTH

@@ -13,7 +13,15 @@ from toys import make_curve, make_index, make_sight, make_wire
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.evidence.conductors import _list_bundles
 from plc_inspect.core.evidence.judge import Judge
-from plc_inspect.core.evidence.validation import BAR, CROWDED, HELD, STAY, TIED, UNPROVEN
+from plc_inspect.core.evidence.validation import (
+    BAR,
+    CROWDED,
+    HELD,
+    STAY,
+    TIED,
+    UNPROVEN,
+    UNTIDY,
+)
 
 
 def judge(wires, others=(), seen=True):
@@ -143,18 +151,23 @@ def test_nothing_is_judged_where_there_is_no_curve():
     assert not found.wire.any()
 
 
-@pytest.mark.parametrize(('objection', 'crowding', 'spread', 'expected'), [
-    (STAY, 1.0, 0.02, TIED), (UNPROVEN, 0.0, 0.02, TIED), (UNPROVEN, 1.0, 0.02, ''),
-    (UNPROVEN, 0.0, 0.2, ''), ('too short', 0.0, 0.02, ''),
+@pytest.mark.parametrize(('objection', 'crowding', 'spread', 'deep', 'expected'), [
+    (STAY, 1.0, 0.02, 0.0, TIED), (UNPROVEN, 0.0, 0.02, 0.0, TIED),
+    (STAY, 1.0, 0.02, 0.3, TIED), (UNPROVEN, 0.0, 0.02, 0.3, TIED),
+    (UNPROVEN, 1.0, 0.02, 0.0, TIED), (UNPROVEN, 0.0, 0.2, 0.0, TIED),
+    (UNTIDY, 1.0, 0.2, 0.0, TIED),
+    (UNPROVEN, 1.0, 0.02, 0.3, ''), (UNPROVEN, 0.0, 0.2, 0.3, ''), (UNTIDY, 1.0, 0.2, 0.3, ''),
+    ('too short', 0.0, 0.02, 0.0, ''),
 ])
 def test_what_is_tied_to_something_that_is_no_conductor_is_none(
-    objection, crowding, spread, expected
+    objection, crowding, spread, deep, expected
 ):
-    """But to what runs through the midst of it, or is thick: that may be of a crown."""
+    """But to what runs through the midst of it, or is thick: that may be of a crown, if deep."""
     lower, upper = make(z=12.0, c=1000.0), make(z=13.0, c=1000.0, seed=1)
     at = np.random.default_rng(6).integers(0, len(lower), 6000)
     up = np.random.default_rng(7).uniform(0.0, 1.0, (len(at), 1))
     lattice = lower[at] + up * np.array([0.0, 0.0, 1.0])
+    lattice[:, 1] += np.random.default_rng(8).normal(0.0, deep, len(at))
     points = np.vstack([lower, upper, lattice])
     ends = np.cumsum([0, len(lower), len(upper)])
     curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
@@ -166,7 +179,7 @@ def test_what_is_tied_to_something_that_is_no_conductor_is_none(
         replace(first, objection=objection, profile=replace(first.profile, shell=shell)),
         replace(other, objection=''),
     ]
-    found._untie()
+    found.untie()
     assert [verdict.objection for verdict in found.verdicts] == [objection, expected]
 
 

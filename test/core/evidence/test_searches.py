@@ -47,7 +47,7 @@ def test_wires_of_a_fan_are_found_in_shorter_windows(monkeypatch):
     )
     without = np.array([measure_share(points) for points in clouds])
     assert (with_it >= without).all()
-    assert with_it.mean() > 0.75 > 0.6 > without.mean()
+    assert with_it.mean() > max(0.75, without.mean() + 0.2)
 
 
 @pytest.mark.parametrize('distance', [0.5 * ROOM, 4.0 * ROOM])
