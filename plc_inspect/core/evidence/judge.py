@@ -232,7 +232,8 @@ class Judge:
             sure[number] = crowding <= self._settings.max_crowding
             sure[number] &= not is_thick(self.curves[number])
         asked, curves = (objection == '')[known], [self.curves[k] for k in known.tolist()]
-        tied = find_tied(self._points, self._index, curves, own, asked, sure[known])
+        hung = np.array([prove_sag(curve, self._settings) == 1.0 for curve in curves], dtype=bool)
+        tied = find_tied(self._points, self._index, curves, own, asked, sure[known], hung)
         for number in known[tied & asked].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 

@@ -100,7 +100,7 @@ SHEET_POINTS = 20
 
 def find_tied(
     points: Float64, index: PlanIndex, curves: Sequence[Curve], own: Bool,
-    asked: Bool | None = None, sure: Bool | None = None,
+    asked: Bool | None = None, sure: Bool | None = None, hung: Bool | None = None,
 ) -> Bool:
     """
     Tell which curves are tied to another one along their whole length, or lie on one surface.
@@ -120,6 +120,9 @@ def find_tied(
     sure : (C,) bool or None
         Thin lines, None for all; what is none may be part of a crown, and ties another one only
         along most of it, and by what lies flat between both.
+    hung : (C,) bool or None
+        Curves that surely hang, None for none; two of them on one surface are a band of wires
+        that strips askew leave no air between.
 
     Returns
     -------
@@ -133,9 +136,10 @@ def find_tied(
         return tied
     every = np.ones(len(curves), dtype=bool)
     asked, sure = every if asked is None else asked, every if sure is None else sure
+    hung = ~every if hung is None else hung
     rows, near = pack_curves(curves), find_near(curves, TIE)
     for number, others in enumerate(call_each(
-        lambda k: _find_tied(points, index.grid, rows, k, near.of(k), own, asked, sure),
+        lambda k: _find_tied(points, index.grid, rows, k, near.of(k), own, asked, sure, hung),
         len(curves),
     )):
         tied[others] = True
@@ -145,7 +149,7 @@ def find_tied(
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _find_tied(  # type: ignore[no-untyped-def]
-    points, grid, rows, number, near, own, asked, sure
+    points, grid, rows, number, near, own, asked, sure, hung
 ):
     """Return those of the rows near one, by its number, that come before it and are tied to it."""
     tied = np.zeros(len(near), dtype=np.bool_)
@@ -170,7 +174,7 @@ def _find_tied(  # type: ignore[no-untyped-def]
         if sure[number] and sure[k]:
             tied[place] = (
                 _measure_tie(between, row, rows[k], y, up) >= TIE_SHARE
-                or _lie_on_one(around, row, rows[k], y, up)
+                or (not (hung[number] and hung[k]) and _lie_on_one(around, row, rows[k], y, up))
             )
         else:
             one = row if asked[number] else rows[k]

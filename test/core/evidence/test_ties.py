@@ -35,7 +35,11 @@ def tell(points, lines, **kwargs):
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('upright', [False, True])
 def test_lines_on_one_surface_are_tied(upright, seed):
-    assert tell(*lay_surface(0.8, seed, upright)) == [True] * 3
+    points, lines = lay_surface(0.8, seed, upright)
+    assert tell(points, lines) == [True] * 3
+    # a band of wires that strips lay askew, as these surely hang
+    assert tell(points, lines, hung=np.ones(3, dtype=bool)) == [False] * 3
+    assert tell(points, lines, hung=np.array([True, False, True])) == [True] * 3
 
 
 @pytest.mark.parametrize('seed', range(3))
