@@ -51,8 +51,8 @@ TIE_PARTS = 6
 TIE_EVEN = 0.2
 """
 Points in the emptiest of these parts, by their median, at least.
-Source: measured: 0.2 and more in bracing and sheets of random scenes 421000 to 421023 and real
-clouds; where other wires of a fan lie between two 0.15.
+Source: chosen on bench/random_scenes.py, bench/frames.py and the fans of test_searches: nearly all
+bracing and sheets have more, other wires of a fan between two 0.15.
 """
 TIE_WIDTH = 0.15
 """
@@ -65,7 +65,8 @@ TIE_AIR, TIE_FLAT = 0.85, 0.2
 """
 What lies flat between two curves has fewer points than this share of its own on one side of it,
 this far away [m].
-Source: measured: bracing of a jib 0.01 at most, in a crown beside a conductor 1.35.
+Source: chosen on bench/frames.py: bracing of a jib has 0.01 at most, a crown beside a conductor of
+uav_mexico_street 1.35.
 """
 TIE_MARGIN = 0.2
 """
@@ -86,8 +87,8 @@ Source: derived: conductors 0.2 m apart leave one empty.
 SHEET_FILLED = 0.5
 """
 Density on a surface, by its mean between two curves, at least.
-Source: measured: on a pipe, a beam and a net of two real clouds 0.6 at least, between conductors
-0.3 at most (22 real clouds, random scenes 420000 to 420023).
+Source: chosen on bench/frames.py and bench/random_scenes.py: on a pipe, a beam and a net of two
+real clouds 0.6 at least, between conductors 0.3 at most.
 """
 SHEET_WIDTH = 0.6
 """
@@ -99,8 +100,8 @@ SHEET_POINTS = 20
 
 
 def find_tied(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], own: Bool,
-    asked: Bool | None = None, sure: Bool | None = None, hung: Bool | None = None,
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], own: Bool, asked: Bool, sure: Bool,
+    hung: Bool,
 ) -> Bool:
     """
     Tell which curves are tied to another one along their whole length, or lie on one surface.
@@ -115,14 +116,14 @@ def find_tied(
         What may be tied.
     own : (N,) bool
         Points of curves, which tie nothing.
-    asked : (C,) bool or None
-        Curves that are asked of; None for all.
-    sure : (C,) bool or None
-        Thin lines, None for all; what is none may be part of a crown, and ties another one only
-        along most of it, and by what lies flat between both.
-    hung : (C,) bool or None
-        Curves that surely hang, None for none; two of them on one surface are a band of wires
-        that strips askew leave no air between.
+    asked : (C,) bool
+        Curves that are asked of; others are not compared with each other.
+    sure : (C,) bool
+        Thin lines; what is none may be part of a crown, and ties another one only along most of
+        it, and by what lies flat between both.
+    hung : (C,) bool
+        Curves that surely hang; two of them on one surface are a band of wires that strips askew
+        leave no air between.
 
     Returns
     -------
@@ -134,9 +135,6 @@ def find_tied(
     tied = np.zeros(len(curves), dtype=bool)
     if len(curves) < 2:
         return tied
-    every = np.ones(len(curves), dtype=bool)
-    asked, sure = every if asked is None else asked, every if sure is None else sure
-    hung = ~every if hung is None else hung
     rows, near = pack_curves(curves), find_near(curves, TIE)
     for number, others in enumerate(call_each(
         lambda k: _find_tied(points, index.grid, rows, k, near.of(k), own, asked, sure, hung),
@@ -154,7 +152,7 @@ def _find_tied(  # type: ignore[no-untyped-def]
     """Return those of the rows near one, by its number, that come before it and are tied to it."""
     tied = np.zeros(len(near), dtype=np.bool_)
     row = rows[number]
-    between = around = np.empty((0, 3))
+    beside, is_own = np.empty((0, 3)), np.empty(0, dtype=np.bool_)
     for place in range(len(near)):
         k = near[place]
         if k >= number:
@@ -163,26 +161,23 @@ def _find_tied(  # type: ignore[no-untyped-def]
             continue
         if abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
             continue
-        if len(around) == 0:
-            around, is_own = _list_beside(points, grid, row, own)
-            if len(around) == 0:
+        if len(beside) == 0:
+            beside, is_own = _list_beside(points, grid, row, own)
+            if len(beside) == 0:
                 break
-            between = around[~is_own]
         y, up, common = _place_other(row, rows[k])
         if common < LEAST_COMMON:
             continue
-        if sure[number] and sure[k]:
-            tied[place] = (
-                _measure_tie(between, row, rows[k], y, up) >= TIE_SHARE
-                or (not (hung[number] and hung[k]) and _lie_on_one(around, row, rows[k], y, up))
-            )
-        else:
+        seen, apart = _see_between(beside, row, y, up), np.hypot(y, up)
+        is_tied = _measure_tie(seen, is_own, row, rows[k], apart) >= TIE_SHARE
+        if not (sure[number] and sure[k]):
             one = row if asked[number] else rows[k]
-            tied[place] = (
-                common >= TIE_COMMON * (one[HIGH] - one[LOW])
-                and _measure_tie(between, row, rows[k], y, up) >= TIE_SHARE
-                and _is_flat(between, row, y, up)
-            )
+            is_along = common >= TIE_COMMON * (one[HIGH] - one[LOW])
+            tied[place] = is_tied and is_along and _is_flat(seen, is_own)
+        elif hung[number] and hung[k]:
+            tied[place] = is_tied
+        else:
+            tied[place] = is_tied or _lie_on_one(seen, row, rows[k], apart)
     return near[tied]
 
 
@@ -250,17 +245,16 @@ def _see_between(beside, row, y, up):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _measure_tie(between, row, other, y, up):  # type: ignore[no-untyped-def]
+def _measure_tie(seen, is_own, row, other, apart):  # type: ignore[no-untyped-def]
     """Share of the metres common to two rows' curves with points in each part between them."""
-    apart = np.hypot(y, up)
     is_apart = apart > row[TOLERANCE] + other[TOLERANCE]
     common = is_apart.sum()  # not where one of them is NaN
     if common < LEAST_COMMON:
         return 0.0
-    filled, count = np.zeros((len(y), TIE_PARTS), dtype=np.bool_), np.zeros(TIE_PARTS)
-    metre, along, across = _see_between(between, row, y, up)
-    for k in range(len(between)):
-        if not is_apart[metre[k]] or abs(across[k]) > TIE_WIDTH:
+    filled, count = np.zeros((len(apart), TIE_PARTS), dtype=np.bool_), np.zeros(TIE_PARTS)
+    metre, along, across = seen
+    for k in range(len(metre)):
+        if is_own[k] or not is_apart[metre[k]] or abs(across[k]) > TIE_WIDTH:
             continue
         # outside of both
         first = max(TIE_MARGIN, row[TOLERANCE] / apart[metre[k]])
@@ -272,19 +266,19 @@ def _measure_tie(between, row, other, y, up):  # type: ignore[no-untyped-def]
     if count.min() < TIE_EVEN * np.median(count):
         return 0.0  # other lines beside, with air between
     # the emptiest part tells: what is tied is tied all the way
-    least = len(y)
+    least = len(apart)
     for part in range(TIE_PARTS):
         least = min(least, filled[:, part].sum())
     return least / common
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _is_flat(between, row, y, up):  # type: ignore[no-untyped-def]
-    """Tell whether what lies between a row's curve and another one has air on one side of it."""
+def _is_flat(seen, is_own):  # type: ignore[no-untyped-def]
+    """Tell whether what lies between two curves has air on one side of it."""
     inside = left = right = 0
-    _, along, across = _see_between(between, row, y, up)
-    for k in range(len(between)):
-        if TIE_MARGIN < along[k] < 1.0 - TIE_MARGIN:
+    _, along, across = seen
+    for k in range(len(along)):
+        if not is_own[k] and TIE_MARGIN < along[k] < 1.0 - TIE_MARGIN:
             if abs(across[k]) <= TIE_WIDTH:
                 inside += 1
             elif abs(across[k]) <= TIE_AIR and across[k] > 0.0:
@@ -295,19 +289,18 @@ def _is_flat(between, row, y, up):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _lie_on_one(around, row, other, y, up):  # type: ignore[no-untyped-def]
+def _lie_on_one(seen, row, other, apart):  # type: ignore[no-untyped-def]
     """Tell whether a row's curve and another one lie on one surface, evenly covered by points."""
     if max(row[RMSE], row[LATERAL_RMSE], other[RMSE], other[LATERAL_RMSE]) > THICK:
         return False  # blurred by so much, conductors beside each other leave no gap
-    apart = np.hypot(y, up)
     is_apart = apart >= np.median(apart[~np.isnan(apart)])  # wires of a fan meet at their pole
     middle = np.median(apart[is_apart])
     if middle > SHEET_APART:
         return False
     num = math.ceil((middle + 2.0 * SHEET_WIDTH) / SHEET_BIN)
     count = np.zeros(num)
-    metre, along, across = _see_between(around, row, y, up)
-    for k in range(len(around)):
+    metre, along, across = seen
+    for k in range(len(metre)):
         if not is_apart[metre[k]] or abs(across[k]) > TIE_WIDTH:
             continue
         place = (along[k] * middle + SHEET_WIDTH) / SHEET_BIN  # others of a fan stay in one place

@@ -24,12 +24,14 @@ def lay_surface(width, seed, upright=False, per_metre=12.0):
     return points, lines
 
 
-def tell(points, lines, **kwargs):
-    """Tell which of some lines are tied."""
+def tell(points, lines, **masks):
+    """Tell which of some lines are tied; all are asked of and sure and none hangs, if not told."""
     own = np.zeros(len(points), dtype=bool)
     own[np.concatenate(lines)] = True
     curves = [make_curve(points, line, tolerance=0.1) for line in lines]
-    return find_tied(points, make_index(points), curves, own, **kwargs).tolist()
+    every = np.ones(len(lines), dtype=bool)
+    masks = {'asked': every, 'sure': every, 'hung': ~every, **masks}
+    return find_tied(points, make_index(points), curves, own, **masks).tolist()
 
 
 @pytest.mark.parametrize('seed', range(3))
