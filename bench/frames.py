@@ -190,12 +190,18 @@ def run(cloud: Cloud, settings: Settings, changes: Sequence[Change], num: int,
 
 
 def describe(frames: Frames, is_labelled: bool) -> tuple[str, ...]:
-    """Return the row of one cloud: as it is, then worst, median and range over the frames."""
+    """
+    Return the row of one cloud: as it is, then worst, median and range over the frames.
+
+    Where no wires are known, it tells how many spans are in how many of them.
+    """
     first, moved = frames.scores[0], Frames(name=frames.name, scores=frames.scores[1:])
     if not moved.scores:
         moved = frames
     spans = moved.values('num_spans')
     row = [frames.name, f'{first.num_spans}', f'{spans.min():.0f} to {spans.max():.0f}']
+    if not is_labelled:
+        row[-1] += f', {spans.sum():.0f} in {(spans > 0).sum()} of {len(spans)}'
     doubled = sum(item.num_unique < item.num_spans for item in frames.scores)
     row.append(f'{doubled}' if doubled else '')
     if is_labelled:
