@@ -32,7 +32,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.offline.commands.replay import replay
+from plc_inspect.offline.commands.flight_run import replay
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import InspectionResult
 from plc_inspect.sim.evaluation.estimate import from_result

@@ -35,8 +35,9 @@ from plc_inspect.errors import DataError
 from plc_inspect.flight_record.layout import list_segments
 from plc_inspect.flight_record.reader import Flight, read_flight
 from plc_inspect.offline.commands.recover import recover
-from plc_inspect.offline.records.inspection import describe_span, Units
+from plc_inspect.offline.records.inspection import describe_span
 from plc_inspect.offline.records.results_reader import read_run, read_table
+from plc_inspect.offline.records.units import Units
 from plc_inspect.results import Span
 from plc_inspect.ros.graph.transport import prepare_transport
 

@@ -4,6 +4,7 @@
 """The rooms of the design: core is arrays in, results out; ros does no mathematics."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 import re
 
@@ -16,6 +17,7 @@ LEAST_CORE, LEAST_MODULES = 90, 200
 """A search that finds fewer looks in the wrong place."""
 LEAST_PACKAGES = 30
 LEAST_PLACES = 60
+LEAST_IMPORTS = 1500
 MOST_LINES, MOST_MODULES, MOST_ARGUMENTS = 400, 16, 7
 LEAST_FUNCTIONS = {
     'core.numerics': 12, 'core.alignment': 30, 'core.setup': 20, 'core.voxel_buffer': 25,
@@ -45,7 +47,7 @@ LAYERS = [
     'core.spans', 'core.hazards', 'core',
     'core.loads', 'core.tracking', 'core.coverage', 'core.live', 'core.explain', 'core.tuning',
     'messages', 'stream', 'flight_record',
-    'offline.readers', 'offline.records', 'offline.report', 'offline.export',
+    'offline.readers', 'offline.records', 'offline.report', 'offline.export', 'offline.terminal',
     'grid.cells', 'grid.tiles', 'grid',
     'offline.commands',
     'sim.scenes', 'sim.surveys', 'sim.random_scenes', 'sim.evaluation', 'sim',
@@ -205,6 +207,16 @@ def test_imports_run_one_way():
             if LAYERS.index(other) > LAYERS.index(own):
                 upward.append(f'{path.relative_to(ROOT)} imports {name}')
     assert upward == []
+
+
+def test_no_modules_import_each_other():
+    needed = {
+        '.'.join(path.relative_to(ROOT.parent).with_suffix('').parts):
+            find_modules(list_imports(parse(path)))
+        for path in MODULES
+    }
+    assert sum(len(others) for others in needed.values()) >= LEAST_IMPORTS
+    TopologicalSorter(needed).prepare()  # raises CycleError, with the circle
 
 
 def test_every_package_has_its_layer():

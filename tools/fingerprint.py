@@ -30,7 +30,7 @@ from plc_inspect.core.live.window import copy_window, plan_everything, WindowPla
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.messages.poses import StampedPose
-from plc_inspect.offline.commands.replay import replay
+from plc_inspect.offline.commands.flight_run import replay
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.offline.readers.clouds import read_cloud

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.config import MOST_VOXELS
-from plc_inspect.core.voxel_buffer.voxel_changes import LABELLED, MADE, StoredMap, VoxelChanges
+from plc_inspect.core.voxel_buffer.change_flags import LABELLED, MADE
+from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap, VoxelChanges
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.layout import join_bytes, pack_arrays, split_bytes
 from plc_inspect.results import Float32, Int32, Int64

@@ -16,7 +16,7 @@ from plc_inspect.grid.ledger_table import TABLE
 from plc_inspect.grid.results import TILE_FOLDER
 from plc_inspect.grid.run import WORK
 from plc_inspect.grid.tiles.tile_job import CELLS
-from plc_inspect.offline.export.results_folder import LEDGER
+from plc_inspect.offline.export.file_names import LEDGER
 from plc_inspect.printable import check_name
 from plc_inspect.whole_files import find_target, sweep_partial
 

@@ -8,23 +8,21 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from plc_inspect import __version__
 from plc_inspect.colors import LOOKS, severity_color
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.sources import Source
+from plc_inspect.grid.grid_summary import GridSummary
 from plc_inspect.grid.tiles.section_report import REPORT
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.records.changes import describe_changes
-from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.records.sentences import find_measured
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.figures import rank
 from plc_inspect.results import Severity
 from plc_inspect.templates import open_templates
-
-if TYPE_CHECKING:
-    from plc_inspect.grid.results import GridSummary
 
 MOST_HAZARDS = 1000
 """Hazards that are listed; the tables hold all."""
@@ -39,7 +37,7 @@ POINTS = 'points.laz'
 
 
 def render_index(
-    summary: 'GridSummary', title: str, sources: Sequence[Source], hazards: Sequence[Record],
+    summary: GridSummary, title: str, sources: Sequence[Source], hazards: Sequence[Record],
     jobs: Sequence[TileJob], answers: dict[str, dict[str, Any]],
     reports: dict[str, dict[str, Any]],
 ) -> str:
@@ -133,7 +131,7 @@ def list_worst(
     ]
 
 
-def _describe_changes(summary: 'GridSummary') -> Record | None:
+def _describe_changes(summary: GridSummary) -> Record | None:
     """Return the counts of changes since an earlier survey, and the rows of the greatest ones."""
     if summary.changes is None:
         return None
@@ -182,7 +180,7 @@ def _render_sight(report: Mapping[str, Any] | None) -> str:
     return '-' if report is None else f'{report["num_enough"]} of {report["num_sections"]}'
 
 
-def _draw_map(summary: 'GridSummary', jobs: Sequence[TileJob]) -> str:
+def _draw_map(summary: GridSummary, jobs: Sequence[TileJob]) -> str:
     """Return tiles, spans and hazards in plan as SVG."""
     if not jobs:
         return ''

@@ -12,7 +12,7 @@ import sqlite3
 from typing import Any, Self
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.export.results_folder import LEDGER
+from plc_inspect.offline.export.file_names import LEDGER
 
 DONE, FAILED = 'done', 'failed'
 _TABLES = """

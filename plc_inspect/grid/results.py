@@ -5,7 +5,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 import math
 from operator import itemgetter
 from pathlib import Path
@@ -20,6 +20,7 @@ from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.sources import Refusal, Source
 from plc_inspect.grid.engine import Task
+from plc_inspect.grid.grid_summary import GridSummary
 from plc_inspect.grid.index_page import render_index
 from plc_inspect.grid.joining import join_tiles, JoinedGrid
 from plc_inspect.grid.ledger import make_key
@@ -32,15 +33,11 @@ from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.grid.tiles.tile_points import PointsFormat, write_tile_points
 from plc_inspect.offline.export.files import measure_peak_memory, write_json, write_records
 from plc_inspect.offline.export.geo import FILE_DATE, make_layers, write_layer
-from plc_inspect.offline.records.changes import (
-    Changes,
-    describe_changes,
-    find_changes,
-    read_survey,
-)
+from plc_inspect.offline.records.changes import describe_changes, find_changes, read_survey
 from plc_inspect.offline.records.georeference import find_horizontal
-from plc_inspect.offline.records.inspection import Inspection, Record, Units
+from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.offline.records.limits import make_limits
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.results import InspectionResult
 from plc_inspect.setting_names import to_mapping
 from plc_inspect.whole_files import replace_file
@@ -54,35 +51,6 @@ PLAIN_SCALE = 1e-3
 Resolution of points from files that state none [units of the file].
 Source: judgement: a tenth of the noise of a lidar.
 """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GridSummary:
-    """Totals of a finished grid."""
-
-    joined: JoinedGrid
-    num_points: int
-    num_tiles: int
-    kilometres: float
-    """Length of the line: the sum over all span groups [km]."""
-    units: Units
-    failures: tuple[tuple[str, str, str], ...]
-    """Stage, name and error of each failed task."""
-    num_defects: int
-    sight: dict[str, float]
-    """
-    Of the spans of the line how many were looked at, ``num_sections``, and seen well enough to
-    rule out a hazard, ``num_enough``; ``gap_length`` of the others [m]; ``of_conductors``, the
-    share of their length that holds points, NaN where there is none.
-    """
-    notes: tuple[str, ...] = ()
-    """Assumptions about the inputs."""
-    missing: str = ''
-    """Why a file is missing from the results, '' if none is."""
-    changes: Changes | None = None
-    """Changes since an earlier survey, None without one."""
-    num_withheld: int = 0
-    """Points that count as deleted, and take no part."""
 
 
 def write_grid(

@@ -27,7 +27,7 @@ from plc_inspect.grid.tiles.section_report import (
     write_section_report,
 )
 from plc_inspect.grid.tiles.tile_job import TileJob
-from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.records.units import Units
 from plc_inspect.setting_names import to_mapping
 
 STAGE = 'report'

@@ -19,8 +19,9 @@ from plc_inspect.grid.cells.room import open_room
 from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
 from plc_inspect.grid.grid_folder import check_all_named, LOG, open_grid_folder
+from plc_inspect.grid.grid_summary import GridSummary
 from plc_inspect.grid.ledger_table import TABLE
-from plc_inspect.grid.results import GridSummary, write_grid
+from plc_inspect.grid.results import write_grid
 from plc_inspect.grid.run import (
     cut_and_plan,
     estimate_memory,

@@ -16,7 +16,7 @@ from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.setup.plumb import PlumbBook
 from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.errors import DataError
-from plc_inspect.offline.commands.replay import replay
+from plc_inspect.offline.commands.flight_run import replay
 from plc_inspect.offline.readers.bag_map import accumulate, check_used
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.setting_names import update

@@ -41,8 +41,8 @@ from plc_inspect.grid.tiles.survey_whole import load_surface, measure_candidates
 from plc_inspect.grid.tiles.tile_run import inspect_tile
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
-from plc_inspect.offline.records.inspection import Units
 from plc_inspect.offline.records.results_reader import parse_span, read_table
+from plc_inspect.offline.records.units import Units
 
 CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0), 'halo': 130.0},
         {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1), 'halo': 130.0},

@@ -7,7 +7,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.numerics.hash_table import forget_key
-from plc_inspect.core.voxel_buffer.voxel_changes import LABELLED, TOUCHED
+from plc_inspect.core.voxel_buffer.change_flags import LABELLED, TOUCHED
 
 SAMPLE = 50
 """

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.core.numerics.hash_table import size_table, UInt32
-from plc_inspect.core.voxel_buffer.voxel_changes import LANES
+from plc_inspect.core.voxel_buffer.change_flags import LANES
 from plc_inspect.core.voxel_buffer.voxel_hash import fill_table
 from plc_inspect.results import Float32, Int32, Int64, UInt8
 

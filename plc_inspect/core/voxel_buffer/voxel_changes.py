@@ -4,25 +4,14 @@
 """Changes of the map, copied a few slots at a time, and the stored form of a map."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from numba import njit
 import numpy as np
 
 from plc_inspect.core.numerics.hash_table import UInt32
+from plc_inspect.core.voxel_buffer.change_flags import LABELLED, LANES, MADE, TOUCHED
+from plc_inspect.core.voxel_buffer.voxel_arrays import VoxelArrays
 from plc_inspect.results import Float32, Int32, Int64, UInt8
-
-if TYPE_CHECKING:
-    from plc_inspect.core.voxel_buffer.voxel_arrays import VoxelArrays
-
-TOUCHED = np.uint8(1)
-"""Points were added, or the voxel was removed.  Source: numerical: one bit each."""
-MADE = np.uint8(2)
-"""The slot holds another voxel.  Source: numerical: one bit each."""
-LABELLED = np.uint8(4)
-"""The label changed.  Source: numerical: one bit each."""
-LANES = 8
-"""Slots whose changes are examined together.  Source: numerical: bytes of a word."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,7 +55,7 @@ class StoredMap:
     cell_state: Int32
     """(C, 5) states of cells, as from ``CellIndex.copy_state``."""
 
-    def fill(self, voxels: 'VoxelArrays') -> Int64:
+    def fill(self, voxels: VoxelArrays) -> Int64:
         """Write all voxels to large enough arrays, and return the free slots."""
         size = len(self.keys)
         voxels.keys[:size], voxels.counts[:size] = self.keys, self.counts
@@ -80,7 +69,7 @@ class StoredMap:
 
 
 def copy_changes(
-    voxels: 'VoxelArrays', part: tuple[int, int, int], everything: bool
+    voxels: VoxelArrays, part: tuple[int, int, int], everything: bool
 ) -> tuple[VoxelChanges, int]:
     """
     Copy changed voxels and mark them as taken; see ``VoxelMap.take_changes``.

@@ -15,7 +15,7 @@ from plc_inspect.core.numerics.hash_table import (
     UInt32,
     walk,
 )
-from plc_inspect.core.voxel_buffer.voxel_changes import MADE, TOUCHED
+from plc_inspect.core.voxel_buffer.change_flags import MADE, TOUCHED
 from plc_inspect.results import Float32, Int32, Int64, UInt8
 
 BLOCK = 64

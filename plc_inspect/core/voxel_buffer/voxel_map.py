@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 
 from plc_inspect.config import MapSettings
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
+from plc_inspect.core.voxel_buffer.change_flags import LABELLED
 from plc_inspect.core.voxel_buffer.voxel_arrays import allocate_voxels
-from plc_inspect.core.voxel_buffer.voxel_changes import (
-    copy_changes,
-    LABELLED,
-    StoredMap,
-    VoxelChanges,
-)
+from plc_inspect.core.voxel_buffer.voxel_changes import copy_changes, StoredMap, VoxelChanges
 from plc_inspect.core.voxel_buffer.voxel_hash import accumulate_points, fill_table
 from plc_inspect.core.voxel_buffer.voxel_keys import (
     find_centroids,

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import warnings
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.export.results_folder import FILES, LEDGER, POINTS
+from plc_inspect.offline.export.file_names import FILES, LEDGER, POINTS
 from plc_inspect.offline.readers.clouds import SUFFIXES
 from plc_inspect.printable import check_name, make_one_line
 from plc_inspect.whole_files import check_outside

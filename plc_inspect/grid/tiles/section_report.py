@@ -23,7 +23,8 @@ from plc_inspect.grid.tiles.tile_points import renumber
 from plc_inspect.offline.export.coverage_files import make_plan, write_coverage_views
 from plc_inspect.offline.export.files import describe_frame, write_json
 from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage
-from plc_inspect.offline.records.inspection import Inspection, Units
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.offline.records.units import Units
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import Bool, Float64, Hazard, InspectionResult, Span, Support
 from plc_inspect.whole_files import replace_file

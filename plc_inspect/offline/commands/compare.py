@@ -12,8 +12,8 @@ from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
 from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
-    from plc_inspect.offline.records.changes import Changes
-    from plc_inspect.offline.records.inspection import Units
+    from plc_inspect.offline.records.change_list import Changes
+    from plc_inspect.offline.records.units import Units
 
 NAME = 'plc_compare'
 
@@ -40,8 +40,8 @@ def render_changes(changes: 'Changes', units: 'Units') -> str:
         Some lines without a line break at the end.
 
     """
-    from plc_inspect.offline.commands.result_table import format_number, format_table
     from plc_inspect.offline.records.changes import describe_changes
+    from plc_inspect.offline.terminal.result_table import format_number, format_table
 
     record = describe_changes(changes, units)
     unit = units.name

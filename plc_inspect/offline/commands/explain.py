@@ -15,7 +15,7 @@ from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
-    from plc_inspect.offline.records.inspection import Units
+    from plc_inspect.offline.records.units import Units
     from plc_inspect.results import Float64, UInt8
 
 NAME = 'plc_explain'
@@ -117,7 +117,7 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
 
     from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
     from plc_inspect.core.pipeline import enter_frame, Pipeline
-    from plc_inspect.offline.commands.explanation_text import render_point
+    from plc_inspect.offline.terminal.explanation_text import render_point
     from plc_inspect.results import Decision, PointClass
 
     points, settings, units = folder.points, folder.settings, folder.units
@@ -158,7 +158,7 @@ def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
         make_course,
     )
     from plc_inspect.core.pipeline import enter_frame, Pipeline
-    from plc_inspect.offline.commands.explanation_text import render_stretch
+    from plc_inspect.offline.terminal.explanation_text import render_stretch
 
     points, settings, units = folder.points, folder.settings, folder.units
     points, frame, _ = enter_frame(points)

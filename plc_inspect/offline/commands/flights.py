@@ -143,10 +143,11 @@ def replay_flight(
         Figures for the ledger and the index page.
 
     """
-    from plc_inspect.offline.commands.replay import describe_losses, replay
+    from plc_inspect.offline.commands.flight_run import replay
     from plc_inspect.offline.commands.request import complete
     from plc_inspect.offline.export.files import measure_peak_memory
     from plc_inspect.offline.export.results_folder import write_results
+    from plc_inspect.offline.terminal.losses import describe_losses
 
     inspection = complete(replay(Path(source), settings, rules=request.rules), request)
     folder = Path(place)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from plc_inspect.config import Settings
     from plc_inspect.core.hazards.clearance_rules import RuleSet
     from plc_inspect.grid.engine import Engine
-    from plc_inspect.grid.results import GridSummary
+    from plc_inspect.grid.grid_summary import GridSummary
     from plc_inspect.offline.records.changes import Survey
 
 GIGABYTE = 1e9
@@ -210,13 +210,13 @@ def tell_dashboard(engine: 'Engine', quiet: bool) -> None:
 
 def render_grid(summary: 'GridSummary') -> str:
     """Return totals and the worst hazards of a grid as text; lengths in units of the input."""
-    from plc_inspect.offline.commands.result_table import (
+    from plc_inspect.offline.records.inspection import describe_hazard
+    from plc_inspect.offline.report.figures import rank
+    from plc_inspect.offline.terminal.result_table import (
         describe_withheld,
         format_number,
         format_table,
     )
-    from plc_inspect.offline.records.inspection import describe_hazard
-    from plc_inspect.offline.report.figures import rank
 
     joined, scale, unit = summary.joined, summary.units.horizontal, summary.units.name
     lines = len({span.line_id for span in joined.spans})

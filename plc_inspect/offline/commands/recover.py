@@ -120,8 +120,8 @@ def _run(argv: Sequence[str] | None) -> int:
     parser.add_argument('--quiet', action='store_true', help='print errors only')
     arguments = parser.parse_args(argv)
     from plc_inspect.errors import DataError
-    from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results, write_results
+    from plc_inspect.offline.terminal.result_table import render_summary
 
     check_results(arguments.output, arguments.force, [arguments.record])
     recovered = recover(arguments.record)

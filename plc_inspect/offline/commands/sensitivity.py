@@ -13,8 +13,8 @@ from plc_inspect.config import Settings
 from plc_inspect.core.tuning.objective import Score
 from plc_inspect.core.tuning.parameters import get_value
 from plc_inspect.offline.commands.command_line import Progress
-from plc_inspect.offline.commands.result_table import format_number, format_table
 from plc_inspect.offline.commands.workers import Workers
+from plc_inspect.offline.terminal.result_table import format_number, format_table
 from plc_inspect.results import Bool, Float64, Int64
 from plc_inspect.setting_names import describe, update
 

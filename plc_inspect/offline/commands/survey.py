@@ -99,7 +99,8 @@ def survey(
     from plc_inspect.core.setup.plumb import find_lean, measure_leans
     from plc_inspect.offline.commands.request import hash_input
     from plc_inspect.offline.export.points_file import describe_replaced
-    from plc_inspect.offline.records.inspection import Inspection, Units
+    from plc_inspect.offline.records.inspection import Inspection
+    from plc_inspect.offline.records.units import Units
 
     tell = progress or (lambda step, share: None)
     started = time.perf_counter()
@@ -230,9 +231,9 @@ def _run(argv: Sequence[str] | None) -> int:
     check_memory(cloud)
     reading = begin_reading(cloud, arguments.crs, parse_unit(arguments.units))
     from plc_inspect.offline.commands.request import deliver, read_request
-    from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results
     from plc_inspect.offline.readers.parameter_file import read_settings
+    from plc_inspect.offline.terminal.result_table import render_summary
 
     settings = read_settings(arguments.params, arguments.assignments)
     request, settings = read_request(arguments, settings)

@@ -33,12 +33,12 @@ from plc_inspect.core.tuning.search import (
 from plc_inspect.errors import DataError
 from plc_inspect.interrupts import interruptible
 from plc_inspect.offline.commands.command_line import Progress
-from plc_inspect.offline.commands.result_table import format_number, format_table
 from plc_inspect.offline.commands.workers import Workers
 from plc_inspect.offline.readers.bag_map import accumulate
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.offline.readers.clouds import read_cloud, SUFFIXES
 from plc_inspect.offline.readers.parameter_file import render_parameters
+from plc_inspect.offline.terminal.result_table import format_number, format_table
 from plc_inspect.results import Bool, Float64
 from plc_inspect.setting_names import update
 

@@ -16,7 +16,8 @@ from plc_inspect.offline.records.georeference import (
     find_horizontal,
     HeightDatum,
 )
-from plc_inspect.offline.records.inspection import Inspection, Record
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.offline.records.units import Record
 
 SPEED = 6.0
 """Speed of the planned flight [m/s].  Source: judgement: bench/studies/coverage.py does."""

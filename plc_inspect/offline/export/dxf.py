@@ -10,9 +10,10 @@ import ezdxf
 import numpy as np
 
 from plc_inspect.colors import parse_color, severity_color
-from plc_inspect.offline.records.inspection import Inspection, Record
+from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.records.span_curve import TOLERANCE, trace_span
+from plc_inspect.offline.records.units import Record
 
 FILE = 'catenaries.dxf'
 _UNITS = {'m': 6, 'ft': 2, 'ftUS': 21}

@@ -21,10 +21,10 @@ from plc_inspect import __version__
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.offline.export.coverage_files import make_plan, write_coverage_views
 from plc_inspect.offline.export.dxf import write_dxf
+from plc_inspect.offline.export.file_names import POINTS
 from plc_inspect.offline.export.geo import write_geo
 from plc_inspect.offline.export.playback import write_playback
 from plc_inspect.offline.export.points_file import write_points
-from plc_inspect.offline.export.results_folder import POINTS
 from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
 from plc_inspect.offline.records.inspection import (
@@ -35,10 +35,9 @@ from plc_inspect.offline.records.inspection import (
     flatten,
     Inspection,
     measure_clearances,
-    Record,
-    Units,
 )
 from plc_inspect.offline.records.load_case_record import describe_what_if
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.printable import make_cell
 from plc_inspect.results import Decision, PointClass, SpanKey

@@ -22,9 +22,10 @@ from plc_inspect.colors import LOOKS
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import render_wkt
 from plc_inspect.offline.records.georeference import find_horizontal, find_whole
-from plc_inspect.offline.records.inspection import flatten, Inspection, Record, Units
+from plc_inspect.offline.records.inspection import flatten, Inspection
 from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.records.span_curve import TOLERANCE, trace_span
+from plc_inspect.offline.records.units import Record, Units
 
 FILE_DATE = '2000-01-01T00:00:00.000Z'
 """Fixed file time, so that the same results give the same bytes."""

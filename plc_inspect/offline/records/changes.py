@@ -14,21 +14,14 @@ from pyproj.exceptions import CRSError
 from plc_inspect.core.tracking.comparison import (
     Change,
     compare_surveys,
-    Comparison,
     find_same_place,
 )
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.laz import find_withheld
-from plc_inspect.offline.records.inspection import (
-    describe_hazard,
-    Inspection,
-    measure_clearances,
-    Record,
-    Units,
-)
+from plc_inspect.offline.records.change_list import Changes, Growth
+from plc_inspect.offline.records.inspection import describe_hazard, Inspection, measure_clearances
 from plc_inspect.offline.records.limits import (
     describe_limit_changes,
-    LimitChange,
     Limits,
     list_limit_changes,
     make_limits,
@@ -44,6 +37,7 @@ from plc_inspect.offline.records.results_reader import (
     read_table,
     understanding,
 )
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.results import Float64, Hazard, Int32, Int64, PointClass, Span
 
 CANOPY_CELL = 1.0
@@ -72,37 +66,6 @@ class Survey:
     """(N,) span_id of it."""
     limits: Limits = field(default_factory=Limits)
     """By which the hazards were raised."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Growth:
-    """Growth of the canopy beside one span, where both surveys saw it."""
-
-    span_id: int
-    """In the second survey."""
-    median: float
-    """[m]."""
-    highest: float
-    """95th percentile [m]."""
-    num_cells: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Changes:
-    """Two surveys compared."""
-
-    before: str
-    """Name of the first survey."""
-    comparison: Comparison
-    vegetation: dict[tuple[int, int], Change]
-    """Distance to the nearest vegetation of each span, by the ids of the second survey."""
-    growth: tuple[Growth, ...]
-    limits: tuple[LimitChange, ...] = ()
-    """Those that differ."""
-    unjudged_before: tuple[Hazard, ...] = ()
-    """Hazards only of the first survey, which the limits of the second might not have raised."""
-    unjudged: tuple[Hazard, ...] = ()
-    """Hazards only of the second survey, which the limits of the first might not have raised."""
 
 
 def read_survey(folder: Path, *, is_running: bool = False) -> Survey:

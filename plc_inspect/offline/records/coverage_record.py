@@ -13,7 +13,8 @@ import numpy as np
 from plc_inspect.core.coverage.coverage import Coverage, Gap, measure_coverage, SectionSight
 from plc_inspect.core.coverage.refly import Kind, plan_refly, Refly
 from plc_inspect.core.coverage.seen_ground import see_ground
-from plc_inspect.offline.records.inspection import Inspection, Record, Units
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.results import PointClass, Span
 
 ENOUGH = 'seen'

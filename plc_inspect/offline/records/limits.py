@@ -15,7 +15,7 @@ from plc_inspect.core.hazards.clearance_rules import describe_rules, Limit, Rule
 from plc_inspect.core.hazards.confidence import judge_confidence
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.offline.readers.catalogue import load_rules
-from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.units import Record
 from plc_inspect.results import Hazard, HazardKind
 
 FEATURES = {

@@ -6,7 +6,7 @@
 import math
 
 from plc_inspect.core.loads.load_cases import Outcome, Reach, WhatIf
-from plc_inspect.offline.records.inspection import Record, Units
+from plc_inspect.offline.records.units import Record, Units
 
 ASSUMPTIONS = (
     'the conductor had the given temperature when surveyed; it is not measured',

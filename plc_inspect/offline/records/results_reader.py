@@ -14,7 +14,7 @@ import numpy as np
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import load_las
 from plc_inspect.offline.readers.json_file import read_json
-from plc_inspect.offline.records.inspection import Record, Units
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64, Hazard, HazardKind, Severity, Span
 

@@ -6,7 +6,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.units import Record
 
 TOLERANCE = 0.005
 """Greatest distance of a drawn polyline from its catenary [m]."""

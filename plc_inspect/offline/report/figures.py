@@ -10,8 +10,8 @@ import numpy as np
 
 from plc_inspect.colors import line_color, SEVERITY_COLORS
 from plc_inspect.core.hazards.confidence import find_doubts
-from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.records.sentences import find_measured
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.drawing import Plot
 from plc_inspect.offline.report.point_scene import FIRST_STRUCTURE, FIRST_TREE, PALETTE, Scene
 from plc_inspect.offline.report.span_frame import find_frame

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.offline.records.changes import describe_changes
-from plc_inspect.offline.records.inspection import Inspection, Record, Units
+from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.offline.records.load_case_record import describe_what_if
 from plc_inspect.offline.records.sentences import describe_place
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.offline.report.figures import rank
 from plc_inspect.offline.report.point_scene import Scene
 

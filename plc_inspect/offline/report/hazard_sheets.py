@@ -10,8 +10,8 @@ from markupsafe import Markup
 import numpy as np
 
 from plc_inspect.colors import line_color
-from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.records.sentences import describe_place
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.drawing import Plot
 from plc_inspect.offline.report.figures import add_badge, rank, sample
 from plc_inspect.offline.report.point_scene import PALETTE, Scene

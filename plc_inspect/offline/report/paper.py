@@ -9,7 +9,7 @@ import importlib.util
 from pathlib import Path
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.browser import find_browser, print_pdf
 
 SIZES = ('A4', 'Letter')

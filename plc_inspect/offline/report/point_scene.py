@@ -14,9 +14,8 @@ from plc_inspect.offline.records.inspection import (
     describe_span,
     describe_support,
     Inspection,
-    Record,
-    Units,
 )
+from plc_inspect.offline.records.units import Record, Units
 from plc_inspect.offline.report.drawing import blend
 from plc_inspect.results import Float32, Float64, Int32, Int64, PointClass, UInt8
 

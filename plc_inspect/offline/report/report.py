@@ -23,9 +23,9 @@ from plc_inspect.offline.records.inspection import (
     describe_coarse_ground,
     Inspection,
     measure_clearances,
-    Record,
 )
 from plc_inspect.offline.records.sentences import find_measured
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.drawing import draw_bars
 from plc_inspect.offline.report.figures import draw_map, draw_profile, draw_section
 from plc_inspect.offline.report.findings import list_changes, list_what_if, list_worst

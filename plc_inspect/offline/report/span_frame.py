@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.point_scene import Scene
 from plc_inspect.results import Float64, Int64
 

@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from plc_inspect.colors import line_color, SEVERITY_COLORS
-from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.records.span_curve import TOLERANCE, trace_span
+from plc_inspect.offline.records.units import Record
 from plc_inspect.offline.report.point_scene import PALETTE, Scene
 from plc_inspect.results import Float64
 

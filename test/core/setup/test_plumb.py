@@ -15,9 +15,9 @@ from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.setup.plumb import find_lean, Leans, measure_leans, PlumbBook
 from plc_inspect.core.setup.sharpness import Sharpness
 from plc_inspect.core.setup.transforms import make_transform
-from plc_inspect.offline.commands.result_table import render_summary
 from plc_inspect.offline.commands.survey import survey
 from plc_inspect.offline.report.report import render_report
+from plc_inspect.offline.terminal.result_table import render_summary
 from plc_inspect.results import PointClass
 
 SPAN, HEIGHT = 90.0, 10.0

@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from plc_inspect.config import MapSettings
-from plc_inspect.core.voxel_buffer.voxel_changes import (
-    find_doubles,
-    LABELLED,
-    MADE,
-    StoredMap,
-    TOUCHED,
-)
+from plc_inspect.core.voxel_buffer.change_flags import LABELLED, MADE, TOUCHED
+from plc_inspect.core.voxel_buffer.voxel_changes import find_doubles, StoredMap
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
 

@@ -17,7 +17,8 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.commands.explain import main, read_folder
 from plc_inspect.offline.export.files import describe_run, render_json
 from plc_inspect.offline.export.points_file import write_points
-from plc_inspect.offline.records.inspection import Inspection, Units
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.offline.records.units import Units
 from plc_inspect.results import Decision
 from plc_inspect.setting_names import update
 

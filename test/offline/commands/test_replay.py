@@ -17,8 +17,9 @@ from rosbags.typesys import get_typestore, Stores
 
 from plc_inspect.core.extraction.dust import LONE
 from plc_inspect.core.setup.sharpness import ON_TRUST
-from plc_inspect.offline.commands.replay import describe_losses, main
-from plc_inspect.offline.export.results_folder import FILES
+from plc_inspect.offline.commands.replay import main
+from plc_inspect.offline.export.file_names import FILES
+from plc_inspect.offline.terminal.losses import describe_losses
 from plc_inspect.results import StageReport
 
 REAL = Path(__file__).parents[4] / 'shared/data/real'

@@ -24,7 +24,7 @@ from plc_inspect.config import Settings
 from plc_inspect.offline.commands import survey as command
 from plc_inspect.offline.commands.explain import read_folder
 from plc_inspect.offline.commands.survey import main
-from plc_inspect.offline.export.results_folder import FILES
+from plc_inspect.offline.export.file_names import FILES
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import PointClass
 

@@ -21,7 +21,7 @@ from plc_inspect.offline.records.coverage_record import (
     review_coverage,
 )
 from plc_inspect.offline.records.georeference import make_origin_crs
-from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.records.units import Units
 from plc_inspect.offline.report.report import render_report
 
 FOOT = 0.3048

@@ -34,8 +34,9 @@ from plc_inspect.offline.export.geo import write_layer
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.readers.clouds import render_wkt
 from plc_inspect.offline.records.georeference import make_origin_crs
-from plc_inspect.offline.records.inspection import describe_span, Units
+from plc_inspect.offline.records.inspection import describe_span
 from plc_inspect.offline.records.span_curve import trace_span
+from plc_inspect.offline.records.units import Units
 
 UTM = np.array([500_000.0, 5_650_000.0, 100.0])
 

@@ -13,7 +13,7 @@ import pytest
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.points_file import lay_grid, put_on_grid, write_points
-from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.records.units import Units
 
 UTM = (615_300.0, 5_712_000.0, 30.0)
 REAL = Path(__file__).parents[4] / 'shared/data/real'

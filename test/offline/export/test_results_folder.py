@@ -15,9 +15,10 @@ from plc_inspect import __version__
 from plc_inspect.config import Settings
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export import files
+from plc_inspect.offline.export.file_names import FILES
 from plc_inspect.offline.export.files import render_json
-from plc_inspect.offline.export.results_folder import FILES, write_results
-from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.records.units import Units
 from plc_inspect.setting_names import to_mapping
 
 FOOT = 1200.0 / 3937.0

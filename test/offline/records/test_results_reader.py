@@ -15,7 +15,6 @@ import pytest
 from plc_inspect.config import Settings
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.results_folder import write_results
-from plc_inspect.offline.records.inspection import Units
 from plc_inspect.offline.records.results_reader import (
     parse_hazard,
     parse_span,
@@ -25,6 +24,7 @@ from plc_inspect.offline.records.results_reader import (
     read_table,
     understanding,
 )
+from plc_inspect.offline.records.units import Units
 from plc_inspect.results import HazardKind
 from plc_inspect.setting_names import to_mapping
 

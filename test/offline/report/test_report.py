@@ -21,13 +21,13 @@ import pytest
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.loads.load_cases import evaluate_cases
-from plc_inspect.offline.commands.result_table import render_summary
 from plc_inspect.offline.export.coverage_files import write_coverage_views
 from plc_inspect.offline.export.files import describe_run
 from plc_inspect.offline.readers.catalogue import load_conductor, load_rules, parse_case
 from plc_inspect.offline.records.coverage_record import review_coverage
-from plc_inspect.offline.records.inspection import measure_clearances, Units
+from plc_inspect.offline.records.inspection import measure_clearances
 from plc_inspect.offline.records.sentences import describe_place
+from plc_inspect.offline.records.units import Units
 from plc_inspect.offline.report.drawing import (
     blend,
     choose_ticks,
@@ -42,6 +42,7 @@ from plc_inspect.offline.report.point_scene import make_scene
 from plc_inspect.offline.report.report import format_number, render_report
 from plc_inspect.offline.report.span_frame import find_frame
 from plc_inspect.offline.report.view import encode_view
+from plc_inspect.offline.terminal.result_table import render_summary
 from plc_inspect.results import PointClass, StageReport
 from plc_inspect.setting_names import describe, update
 

@@ -17,7 +17,7 @@ import pytest
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.results_folder import write_results
-from plc_inspect.offline.records.inspection import Units
+from plc_inspect.offline.records.units import Units
 from plc_inspect.results import PointClass
 from plc_inspect.sim.evaluation.curves import compare, Curve
 from plc_inspect.sim.evaluation.estimate import (

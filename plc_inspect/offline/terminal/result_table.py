@@ -12,9 +12,9 @@ from plc_inspect.offline.records.inspection import (
     describe_span,
     Inspection,
     measure_clearances,
-    Record,
 )
 from plc_inspect.offline.records.sentences import find_measured
+from plc_inspect.offline.records.units import Record
 
 
 def render_summary(inspection: Inspection) -> str:

@@ -13,7 +13,7 @@ from plc_inspect.core.explain.catenary_view import CurveView, list_checks
 from plc_inspect.core.explain.point import Explanation
 from plc_inspect.core.explain.proposals import Finding, Proposal
 from plc_inspect.core.explain.span import STAGES, Stretch, StretchTrial
-from plc_inspect.offline.commands.result_table import format_table
+from plc_inspect.offline.terminal.result_table import format_table
 from plc_inspect.results import Decision, Float64
 from plc_inspect.setting_names import to_mapping
 
