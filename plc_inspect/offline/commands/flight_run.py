@@ -118,7 +118,7 @@ def replay(
         if len(part.points) < settings.segment.min_points or sharp.hopeless:
             continue
         result, judged = _inspect(
-            part.points, part.way, part.sharpness, settings, rules, lambda step, share: None
+            part.points, part.way, sharp, settings, rules, lambda step, share: None
         )
         earlier.append(dataclasses.replace(
             known, result=result, points=part.points, way=part.way,
