@@ -4,6 +4,7 @@
 """What lies on a curve and close about it, metre by metre."""
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 from numba import njit
@@ -32,7 +33,7 @@ STEP = 1.0
 """Length of a bin [m].  Source: judgement; not measured."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Profile:
     """What lies on a curve and close about it, metre by metre."""
 
@@ -47,12 +48,12 @@ class Profile:
     chosen: Int64
     """Indices of the points on the curve, ascending."""
 
-    @property
+    @cached_property
     def coverage(self) -> float:
         """Share of the bins that hold points of the curve."""
         return float((self.core > 0).mean()) if len(self.core) else 0.0
 
-    @property
+    @cached_property
     def crowding(self) -> float:
         """Share of the curve, in parts of CROWD_LENGTH, that has points close about it."""
         parts = max(round(CROWD_LENGTH / self.step), 1)

@@ -27,7 +27,7 @@ from plc_inspect.core.evidence.validation import (
     SCAN_LINE,
     WALL,
 )
-from plc_inspect.core.evidence.walls import are_on_walls
+from plc_inspect.core.evidence.walls import Walls
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Bool, Float64
 
@@ -91,19 +91,18 @@ def are_held(
 
 
 def name_built(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool,
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool, walls: Walls,
     settings: CatenarySettings, below: float = math.inf,
 ) -> list[str]:
     """
     Tell what curves are part of that is no line: one of RIGID for each, empty for a conductor.
 
-    The arguments are those of `are_held`.
+    The arguments are those of `are_held`, and the walls of the same points.
     """
     held = are_held(points, index, curves, wire, settings, below).tolist()
-    walls = are_on_walls(points, index, curves).tolist()
     return [
         WALL if is_wall else HELD if is_held else _name(points, curve, settings)
-        for curve, is_wall, is_held in zip(curves, walls, held, strict=True)
+        for curve, is_wall, is_held in zip(curves, walls.find(curves).tolist(), held, strict=True)
     ]
 
 

@@ -235,18 +235,17 @@ def find_curves(
     ``apart``, as for `extend`.  Further returned are thin curves taken for parts of them.
     """
     curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
-    grown = _cut_turned(points, extend(points, index, curves, settings, others, apart=apart))
+    cut = _cut_turned(points, extend(points, index, curves, settings, others, apart=apart))
+    grown = [part for parts in cut for part in parts]
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     fresh = [curve for curve in curves if id(curve) not in done]
-    again = iter(extend(
-        points, index, fresh, settings,
-        [*others, *(curve for curve in curves if id(curve) in done)], apart=apart,
-    ))
-    long = _cut_turned(
-        points, [curve if id(curve) in done else next(again) for curve in curves]
-    )
+    settled = [*others, *(curve for curve in curves if id(curve) in done)]
+    again = iter(_cut_turned(points, extend(points, index, fresh, settings, settled, apart=apart)))
+    long = [
+        part for curve in curves for part in ([curve] if id(curve) in done else next(again))
+    ]
     wide = call_each(lambda k: widen(points, index, long[k], settings), len(long))
     result = drop_duplicates(points, merge_bundles(points, wide, settings), settings)
     known = {id(curve) for curve in result}
@@ -267,10 +266,9 @@ def _unmix(
     return drop_duplicates(points, [*rest, *found], settings)
 
 
-def _cut_turned(points: Float64, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curves, those that turn at a support in parts."""
-    parts = call_each(lambda k: cut_turned(points, curves[k]), len(curves))
-    return [part for own in parts for part in own]
+def _cut_turned(points: Float64, curves: Sequence[Curve]) -> list[list[Curve]]:
+    """Return the parts of each curve: itself, unless it turns at a support."""
+    return call_each(lambda k: cut_turned(points, curves[k]), len(curves))
 
 
 def _find_within(

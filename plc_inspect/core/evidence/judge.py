@@ -26,7 +26,7 @@ from plc_inspect.core.evidence.stays import (
     STEEP,
     STEEP_CONSTANT,
 )
-from plc_inspect.core.evidence.ties import find_tied
+from plc_inspect.core.evidence.ties import Ties
 from plc_inspect.core.evidence.validation import (
     BUILT,
     CROWDED,
@@ -40,6 +40,7 @@ from plc_inspect.core.evidence.validation import (
     UNPROVEN,
     UNTIDY,
 )
+from plc_inspect.core.evidence.walls import Walls
 from plc_inspect.core.ground.ground_grid import GroundGrid
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -91,6 +92,7 @@ class Judge:
         """Take the curves; what is believed of the first ones already is not judged again."""
         self._points, self._index, self._sight = points, index, sight
         self._settings = settings
+        self._ties, self._walls = Ties(points, index), Walls(points, index)
         self.curves = list(curves)
         """All that are judged; verdicts are in their order."""
         fresh = curves[len(believed):]
@@ -169,7 +171,7 @@ class Judge:
             [self.verdicts[number] for number in known],
         )
         trial.spare(self._spared if spared is None else spared)
-        trial._beams = self._beams
+        trial._ties, trial._walls, trial._beams = self._ties.copy(), self._walls, self._beams
         trial.decide(beside=beside)
         for number, verdict in zip(known, trial.verdicts, strict=False):
             is_proven = prove_sag(self.curves[number], self._settings) == 1.0
@@ -233,15 +235,13 @@ class Judge:
             sure[number] &= not is_thick(self.curves[number])
         asked, curves = (objection == '')[known], [self.curves[k] for k in known.tolist()]
         hung = np.array([prove_sag(curve, self._settings) == 1.0 for curve in curves], dtype=bool)
-        tied = find_tied(self._points, self._index, curves, own, asked, sure[known], hung)
+        tied = self._ties.find(curves, own, asked, sure[known], hung)
         for number in known[tied & asked].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _unstay(self) -> None:
         """Take back what is of a beam, fans out, or is steep and straight."""
-        rest = [
-            number for number, verdict in enumerate(self.verdicts) if verdict.objection != TIED
-        ]
+        rest = [k for k, verdict in enumerate(self.verdicts) if verdict.objection != TIED]
         numbers = [
             number for number in rest if may_be_held(self.curves[number], self._settings)
         ]
@@ -289,7 +289,7 @@ class Judge:
         """Return of curves, by their numbers, what they are part of, as `built.name_built`."""
         curves = [self.curves[number] for number in numbers.tolist()]
         return name_built(
-            self._points, self._index, curves, self.wire, self._settings, below
+            self._points, self._index, curves, self.wire, self._walls, self._settings, below
         )
 
     def _mark(self, numbers: Int64) -> None:

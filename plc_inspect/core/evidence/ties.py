@@ -9,7 +9,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_near, Near, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     COS,
@@ -97,77 +97,115 @@ Source: derived: a conductor that drift doubled by 0.3 m is 0.5 m wide.
 """
 SHEET_POINTS = 20
 """Points between two curves that tell of a surface, at least.  Source: judgement."""
+MOST_CALLS = 62
+"""Calls that are remembered.  Source: numerical: bits of an integer."""
 
 
-def find_tied(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], own: Bool, asked: Bool, sure: Bool,
-    hung: Bool,
-) -> Bool:
-    """
-    Tell which curves are tied to another one along their whole length, or lie on one surface.
+class Ties:
+    """Tells which curves are tied to each other; asked again, it compares no two curves twice."""
 
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    index : PlanIndex
-        Searched.
-    curves : sequence of Curve
-        What may be tied.
-    own : (N,) bool
-        Points of curves, which tie nothing.
-    asked : (C,) bool
-        Curves that are asked of; others are not compared with each other.
-    sure : (C,) bool
-        Thin lines; what is none may be part of a crown, and ties another one only along most of
-        it, and by what lies flat between both.
-    hung : (C,) bool
-        Curves that surely hang; two of them on one surface are a band of wires that strips askew
-        leave no air between.
+    def __init__(self, points: Float64, index: PlanIndex) -> None:
+        """Take (N, 3) points [m] and their index."""
+        self._points, self._index = points, index
+        self._calls = 0
+        self._known: dict[Curve, tuple[int, int]] = {}  # calls it was in, and was asked in: bits
 
-    Returns
-    -------
-    (C,) bool
-        Curves with another one beside them and points all the way between, or as many there as
-        on both and beyond.
+    def copy(self) -> 'Ties':
+        """Return ties that know what was compared so far."""
+        result = Ties(self._points, self._index)
+        result._calls, result._known = self._calls, dict(self._known)
+        return result
 
-    """
-    tied = np.zeros(len(curves), dtype=bool)
-    if len(curves) < 2:
+    def find(
+        self, curves: Sequence[Curve], own: Bool, asked: Bool, sure: Bool, hung: Bool
+    ) -> Bool:
+        """
+        Tell which curves are tied to another one along their whole length, or lie on one surface.
+
+        Parameters
+        ----------
+        curves : sequence of Curve
+            What may be tied.
+        own : (N,) bool
+            Points of curves, which tie nothing.
+        asked : (C,) bool
+            Curves that are asked of; others are not compared with each other.
+        sure : (C,) bool
+            Thin lines; what is none may be part of a crown, and ties another one only along most
+            of it, and by what lies flat between both.
+        hung : (C,) bool
+            Curves that surely hang; two of them on one surface are a band of wires that strips
+            askew leave no air between.
+
+        Returns
+        -------
+        (C,) bool
+            Curves with another one beside them and points all the way between, or as many there
+            as on both and beyond, none of two that were compared before.
+
+        """
+        tied = np.zeros(len(curves), dtype=bool)
+        if len(curves) < 2:
+            return tied
+        before = np.array([self._known.get(curve, (0, 0)) for curve in curves], dtype=np.int64)
+        near = find_near(curves, TIE)
+        pairs = Near(*_list_pairs(near.start, near.item, asked, before))
+        numbers, rows = np.flatnonzero(np.diff(pairs.start)).tolist(), pack_curves(curves)
+        lists = call_each(
+            lambda k: _find_tied(
+                self._points, self._index.grid, rows, numbers[k], pairs.of(numbers[k]), own, asked,
+                sure, hung,
+            ),
+            len(numbers),
+        )
+        for number, others in zip(numbers, lists, strict=True):
+            tied[others] = True
+            tied[number] |= len(others) > 0
+        bits = np.column_stack([np.ones_like(asked), asked]).astype(np.int64)
+        now = before | bits << self._calls
+        self._known.update(zip(curves, map(tuple, now.tolist()), strict=True))
+        self._calls += 1
+        if self._calls == MOST_CALLS:
+            self._known, self._calls = {}, 0
         return tied
-    rows, near = pack_curves(curves), find_near(curves, TIE)
-    for number, others in enumerate(call_each(
-        lambda k: _find_tied(points, index.grid, rows, k, near.of(k), own, asked, sure, hung),
-        len(curves),
-    )):
-        tied[others] = True
-        tied[number] |= len(others) > 0
-    return tied
+
+
+@njit(cache=True, nogil=True)
+def _list_pairs(start, item, asked, before):  # type: ignore[no-untyped-def]
+    """List of what is near each curve, as Near has it, what is to be compared with it."""
+    pair_start, pairs, num = np.zeros_like(start), np.empty_like(item), 0
+    for number in range(len(asked)):
+        for place in range(start[number], start[number + 1]):
+            k = item[place]
+            if k >= number:
+                break
+            was_asked = before[number, 1] & before[k, 0] | before[number, 0] & before[k, 1]
+            if (asked[number] or asked[k]) and not was_asked:
+                pairs[num] = k
+                num += 1
+        pair_start[number + 1] = num
+    return pair_start, pairs[:num]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _find_tied(  # type: ignore[no-untyped-def]
-    points, grid, rows, number, near, own, asked, sure, hung
+    points, grid, rows, number, others, own, asked, sure, hung
 ):
-    """Return those of the rows near one, by its number, that come before it and are tied to it."""
-    tied = np.zeros(len(near), dtype=np.bool_)
+    """Return those of some other rows that are tied to one, by its number."""
+    tied = np.zeros(len(others), dtype=np.bool_)
     row = rows[number]
     beside, is_own = np.empty((0, 3)), np.empty(0, dtype=np.bool_)
-    for place in range(len(near)):
-        k = near[place]
-        if k >= number:
-            break
-        if not (asked[number] or asked[k]):
-            continue
+    for place in range(len(others)):
+        k = others[place]
         if abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
+            continue
+        y, up, common = _place_other(row, rows[k])
+        if common < LEAST_COMMON:
             continue
         if len(beside) == 0:
             beside, is_own = _list_beside(points, grid, row, own)
             if len(beside) == 0:
                 break
-        y, up, common = _place_other(row, rows[k])
-        if common < LEAST_COMMON:
-            continue
         seen, apart = _see_between(beside, row, y, up), np.hypot(y, up)
         is_tied = _measure_tie(seen, is_own, row, rows[k], apart) >= TIE_SHARE
         if not (sure[number] and sure[k]):
@@ -178,7 +216,7 @@ def _find_tied(  # type: ignore[no-untyped-def]
             tied[place] = is_tied
         else:
             tied[place] = is_tied or _lie_on_one(seen, row, rows[k], apart)
-    return near[tied]
+    return others[tied]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

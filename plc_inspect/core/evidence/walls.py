@@ -51,27 +51,24 @@ conductors of nine real clouds, at their poles, but for one of 7 m in oakland_pa
 """
 
 
-def are_on_walls(points: Float64, index: PlanIndex, curves: Sequence[Curve]) -> Bool:
-    """
-    Tell which curves lie on a wall.
+class Walls:
+    """Tells which curves lie on a wall, each of which is measured once."""
 
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    index : PlanIndex
-        Searched.
-    curves : sequence of Curve
-        Scan lines, or conductors.
+    def __init__(self, points: Float64, index: PlanIndex) -> None:
+        """Take (N, 3) points [m] and their index."""
+        self._points, self._index = points, index
+        self._known: dict[Curve, bool] = {}
 
-    Returns
-    -------
-    (C,) bool
-
-    """
-    return np.array(call_each(
-        lambda k: _measure_wall(points, index.grid, curves[k].row) >= LEAST_WALL, len(curves)
-    ), dtype=np.bool_)
+    def find(self, curves: Sequence[Curve]) -> Bool:
+        """Tell of C curves, scan lines or conductors, which lie on a wall, (C,)."""
+        fresh = [curve for curve in curves if curve not in self._known]
+        shares = call_each(
+            lambda k: _measure_wall(self._points, self._index.grid, fresh[k].row), len(fresh)
+        )
+        self._known.update(
+            (curve, share >= LEAST_WALL) for curve, share in zip(fresh, shares, strict=True)
+        )
+        return np.array([self._known[curve] for curve in curves], dtype=np.bool_)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import make_curve, make_index, make_wire
 
-from plc_inspect.core.evidence.ties import find_tied, SHEET_WIDTH
+from plc_inspect.core.evidence.ties import SHEET_WIDTH, Ties
 
 LENGTH = 30.0
 
@@ -31,7 +31,7 @@ def tell(points, lines, **masks):
     curves = [make_curve(points, line, tolerance=0.1) for line in lines]
     every = np.ones(len(lines), dtype=bool)
     masks = {'asked': every, 'sure': every, 'hung': ~every, **masks}
-    return find_tied(points, make_index(points), curves, own, **masks).tolist()
+    return Ties(points, make_index(points)).find(curves, own, **masks).tolist()
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -113,3 +113,22 @@ def test_what_may_be_of_a_crown_ties_only_along_most_of_a_line():
 def test_only_what_is_asked_of_is_compared():
     points, lines = brace(0.02, 3)
     assert tell(points, lines, asked=np.zeros(2, dtype=bool)) == [False] * 2
+
+
+def test_no_two_curves_are_compared_twice():
+    points, lines = lay_surface(0.8, 0)
+    curves = [make_curve(points, line, tolerance=0.1) for line in lines]
+    ties = Ties(points, make_index(points))
+    own, every, none = np.zeros(len(points), dtype=bool), np.ones(3, dtype=bool), np.zeros(3, bool)
+
+    def find(ties, chosen, asked):
+        own_curves = [curves[k] for k in chosen]
+        num = len(chosen)
+        return ties.find(own_curves, own, asked[:num], every[:num], none[:num]).tolist()
+
+    assert find(ties, [0, 1, 2], none) == [False] * 3  # nothing was asked
+    assert find(ties, [0, 1], every) == [True] * 2
+    later = ties.copy()
+    assert find(ties, [0, 1], every) == [False] * 2
+    assert find(later, [0, 1, 2], every) == [True] * 3  # the third was compared with none
+    assert find(later, [0, 1, 2], every) == [False] * 3

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from toys import hang, make_curve, make_index, make_wire
 
-from plc_inspect.core.evidence.walls import are_on_walls
+from plc_inspect.core.evidence.walls import Walls
 
 LENGTH, TOP = 24.0, 18.0
 
@@ -26,7 +26,7 @@ def find(below, seed=3):
     line = make_wire((0.0, 0.0, TOP), (LENGTH, 0.0, TOP), c=300.0, per_metre=8.0)
     points = np.vstack([line, *below])
     curve = make_curve(points, np.arange(len(line)))
-    return bool(are_on_walls(points, make_index(points), [curve])[0])
+    return bool(Walls(points, make_index(points)).find([curve])[0])
 
 
 def test_a_scan_line_on_a_facade_with_windows_is_on_a_wall():
