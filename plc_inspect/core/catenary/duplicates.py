@@ -44,6 +44,17 @@ ALONG = 0.3
 A conductor beside runs along this share of a curve, at least.
 Source: judgement; not measured.
 """
+SPAN = 6.0
+"""
+Conductors of one span are so near to each other in plan [m].
+Source: judgement: phases of high-voltage lines are 4 to 8 m apart, low-voltage ones 0.3 to 1 m.
+"""
+SLACKER = 0.5
+"""
+A slack conductor is farther below others of its span in its middle than at its ends, by this share
+of its sag at least.
+Source: derived: of one that sags twice as much as they do.
+"""
 PARALLEL = 0.1
 """
 Greatest sine of the angle between curves that run beside each other: 6 degrees.
@@ -164,6 +175,17 @@ def find_along(curves: Sequence[Curve], others: Sequence[Curve], reach: float) -
     return result
 
 
+def find_slack(curves: Sequence[Curve], others: Sequence[Curve]) -> Bool:
+    """
+    Tell which curves sag far more than another one along them, as a conductor that slipped.
+
+    The arguments are those of `find_along`.
+    """
+    near = find_near(curves, SPAN, others)
+    result: Bool = _mark_slack(pack_curves(curves), pack_curves(others), near)
+    return result
+
+
 @njit(cache=True, nogil=True, error_model='numpy')
 def _mark_along(rows, others, near, reach):  # type: ignore[no-untyped-def]
     result = np.zeros(len(rows), dtype=np.bool_)
@@ -176,4 +198,29 @@ def _mark_along(rows, others, near, reach):  # type: ignore[no-untyped-def]
             if marks.mean() >= ALONG:
                 result[k] = True
                 break
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _mark_slack(rows, others, near):  # type: ignore[no-untyped-def]
+    result = np.zeros(len(rows), dtype=np.bool_)
+    drop = np.empty(NUM_STATIONS)
+    for k in range(len(rows)):
+        row = rows[k]
+        middle = height_of(row, 0.5 * (row[LOW] + row[HIGH]))
+        sag = 0.5 * (height_of(row, row[LOW]) + height_of(row, row[HIGH])) - middle
+        for m in near.item[near.start[k] : near.start[k + 1]]:
+            if abs(np.sin(row[AZIMUTH] - others[m, AZIMUTH])) > PARALLEL:
+                continue
+            for step in range(NUM_STATIONS):
+                x = row[LOW] + step / (NUM_STATIONS - 1) * (row[HIGH] - row[LOW])
+                at, aside = to_local(
+                    others[m], row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+                )
+                if max(others[m, LOW] - at, at - others[m, HIGH], abs(aside)) > SPAN:
+                    break
+                drop[step] = height_of(others[m], at) - height_of(row, x)
+            else:
+                deeper = drop[NUM_STATIONS // 2] - max(drop[0], drop[-1])
+                result[k] |= deeper >= SLACKER * sag
     return result

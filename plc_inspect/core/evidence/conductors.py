@@ -184,7 +184,7 @@ def judge_curves(
         judge.add(judge.try_more(fresh, beside=False))  # that has led to them already
     if wide := _widen_rest(points, index, judge, settings):
         judge.add(judge.try_more(_keep_new(points, wide, settings, judge.believed)))
-    judge.untie()  # of all that was rejected
+    judge.untie(anew=True)  # of all that was rejected
     return tuple(judge.curves), judge
 
 

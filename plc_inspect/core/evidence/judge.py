@@ -11,7 +11,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.duplicates import find_along, is_thick
+from plc_inspect.core.catenary.duplicates import find_along, find_slack, is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.built import name_built
 from plc_inspect.core.evidence.free_length import FreeLength, measure_free_length, UNKNOWN
@@ -30,6 +30,7 @@ from plc_inspect.core.evidence.ties import Ties
 from plc_inspect.core.evidence.validation import (
     BUILT,
     CROWDED,
+    DEEP,
     find_objection,
     is_straight,
     may_be_held,
@@ -90,8 +91,7 @@ class Judge:
         believed: Sequence[Verdict] = (),
     ) -> None:
         """Take the curves; what is believed of the first ones already is not judged again."""
-        self._points, self._index, self._sight = points, index, sight
-        self._settings = settings
+        self._points, self._index, self._sight, self._settings = points, index, sight, settings
         self._ties, self._walls = Ties(points, index), Walls(points, index)
         self.curves = list(curves)
         """All that are judged; verdicts are in their order."""
@@ -216,13 +216,14 @@ class Judge:
     def _pairs(self) -> Iterator[tuple[Curve, Verdict]]:
         return zip(self.curves, self.verdicts, strict=True)
 
-    def untie(self) -> None:
+    def untie(self, *, anew: bool = False) -> None:
         """
         Take back what is tied together along its whole length: chords of a truss, rails, racks.
 
-        Conductors that hang side by side have air between them.  What is tied to something that
-        was taken back, or to a bar that is none of the bracing, is so too.
+        Conductors beside each other have air between them.  What is tied to something taken back,
+        or to a bar that is none of the bracing, is so too; what was compared is again if ``anew``.
         """
+        self._ties = Ties(self._points, self._index) if anew else self._ties
         objection = np.array([verdict.objection for verdict in self.verdicts], dtype=object)
         known = np.flatnonzero(np.isin(objection, ['', CROWDED, UNPROVEN, UNTIDY, *BUILT]))
         sure = np.isin(objection, ['', *BUILT])
@@ -287,9 +288,9 @@ class Judge:
 
     def name_built(self, numbers: Int64, below: float = math.inf) -> list[str]:
         """Return of curves, by their numbers, what they are part of, as `built.name_built`."""
-        curves = [self.curves[number] for number in numbers.tolist()]
         return name_built(
-            self._points, self._index, curves, self.wire, self._walls, self._settings, below
+            self._points, self._index, [self.curves[number] for number in numbers.tolist()],
+            self.wire, self._walls, self._settings, below,
         )
 
     def _mark(self, numbers: Int64) -> None:
@@ -358,10 +359,7 @@ class Judge:
     def _sweep(self, numbers: Int64, *, beside: bool) -> bool:
         """Judge curves over and over, as long as more of them are found free; tell if any was."""
         found = False
-        while len(numbers):
-            won = self._try(numbers, beside=beside)
-            if not len(won):
-                break
+        while len(numbers) and len(won := self._try(numbers, beside=beside)):
             self._mark(won)
             numbers = np.setdiff1d(numbers, won)
             found = True
@@ -390,10 +388,12 @@ class Judge:
         return np.array(won, dtype=np.int64)
 
     def _find_beside(self) -> Int64:
-        """Return the curves that are not believed, thin, and run beside one that is."""
+        """Return the curves that are thin, not believed, and beside one that is, or hang below."""
         rest = [
             number for number, verdict in enumerate(self.verdicts)
             if verdict.objection not in ('', *BUILT) and not is_thick(self.curves[number])
         ]
-        along = find_along([self.curves[number] for number in rest], self.believed, SIDE)
-        return np.array(rest, dtype=np.int64)[along]
+        curves, known = [self.curves[number] for number in rest], self.believed
+        deep = np.array([self.verdicts[number].objection == DEEP for number in rest], dtype=bool)
+        near = np.where(deep, find_slack(curves, known), find_along(curves, known, SIDE))
+        return np.array(rest, dtype=np.int64)[near]

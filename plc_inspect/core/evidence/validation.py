@@ -45,6 +45,12 @@ That tells something where the greater way is more than this [m].
 Source: data sheet: noise of ranges of the Puck Lite; what scatters less may be smooth.
 """
 UNTIDY = 'thick, with other things at its surface'
+DEEP = 'deeper than a conductor'
+SLACK_RATIO = 2.5
+"""
+A conductor below others of its span may sag so many times ``max_sag_ratio``, as one that slipped.
+Source: judgement: by a fifth of the span; at more it is on the ground.
+"""
 BONUS = 8.0
 """
 Metres of evidence that a proven curvature is worth, or a conductor beside.
@@ -256,8 +262,8 @@ def list_evidence(
     yield weigh('min_points', curve.num_points, 'too few points')
     yield weigh('min_coverage', profile.coverage, 'seen in too few places')
     yield weigh(
-        'max_sag_ratio', curve.fit.sag(curve.low, curve.high)[0], 'deeper than a conductor',
-        curve.length,
+        'max_sag_ratio', curve.fit.sag(curve.low, curve.high)[0], DEEP,
+        curve.length * (SLACK_RATIO if beside else 1.0),
     )
     if is_thick(curve):
         yield weigh('max_constant', curve.fit.c, 'straighter than a conductor')

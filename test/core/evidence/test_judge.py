@@ -16,6 +16,7 @@ from plc_inspect.core.evidence.judge import Judge
 from plc_inspect.core.evidence.validation import (
     BAR,
     CROWDED,
+    DEEP,
     HELD,
     STAY,
     TIED,
@@ -90,6 +91,23 @@ def test_a_piece_too_short_alone_is_believed_beside_a_conductor():
     piece = make(z=11.0, start=20.0, length=8.0, c=1e5, seed=1)
     assert judge([piece]) == [UNPROVEN]
     assert judge([make(c=1000.0), piece]) == ['', '']
+
+
+@pytest.mark.parametrize(('y', 'z'), [(1.0, 12.0), (-4.0, 12.0), (0.0, 9.0), (2.0, 14.0)])
+def test_a_conductor_far_slacker_than_others_of_its_span_is_believed(y, z):
+    slack = make(y=y, z=z, c=80.0, seed=1)  # sags by 9 % of its span
+    assert judge([slack]) == [DEEP]
+    assert judge([make(c=1000.0), slack]) == ['', '']
+    seen = slack[(slack[:, 0] > 0.0) & (slack[:, 0] < 50.0)]
+    assert judge([make(c=1000.0), seen]) == ['', '']
+
+
+@pytest.mark.parametrize('other', [
+    make(y=8.0, c=1000.0), make(c=1000.0, length=40.0), make(c=130.0),
+    make_wire((30.0, -30.0, 12.0), (30.0, 30.0, 12.0), c=1000.0, per_metre=30.0),
+], ids=['far', 'short', 'as slack', 'across'])
+def test_a_cable_as_deep_as_no_conductor_is_none_without_others_along_it(other):
+    assert judge([other, make(y=1.0, c=80.0, seed=1)]) == ['', DEEP]
 
 
 def test_a_piece_that_runs_another_way_is_not_beside():
